@@ -3,7 +3,9 @@
 use crate::{camera, normal, settings};
 use ekf_core::math::{pose::Pose, quat};
 use ekf_core::settings::Value;
-use ekf_core::{Bearing, Camera, DepthObservation, Filter, Measurements, Outcome, UpdateReport};
+use ekf_core::{
+    Bearing, Camera, DepthObservation, Filter, MeasurementOutcome, Measurements, UpdateReport,
+};
 use nalgebra::{Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -133,7 +135,9 @@ impl Loop {
     pub fn learn(&mut self, report: &UpdateReport, z: &Measurements) {
         let from_world = self.pose().inverse();
         for (outcome, depth) in report.depths.iter().zip(&z.depths) {
-            let Outcome::Born(id) = outcome else { continue };
+            let MeasurementOutcome::Born(id) = outcome else {
+                continue;
+            };
             if self.known.contains_key(id) {
                 continue;
             }

@@ -4,7 +4,8 @@ use crate::{camera, normal, settings};
 use ekf_core::math::{pose::Pose, quat};
 use ekf_core::settings::Value;
 use ekf_core::{
-    Bearing, Camera, DepthObservation, Filter, Measurements, Outcome, WornObservation, WornPair,
+    Bearing, Camera, DepthObservation, Filter, MeasurementOutcome, Measurements, WornObservation,
+    WornPair,
 };
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 use rand::{Rng, SeedableRng, seq::index};
@@ -217,9 +218,9 @@ impl Sway {
     }
 }
 
-fn born(outcome: &Outcome) -> Option<u64> {
+fn born(outcome: &MeasurementOutcome) -> Option<u64> {
     match outcome {
-        Outcome::Born(id) => Some(*id),
+        MeasurementOutcome::Born(id) => Some(*id),
         _ => None,
     }
 }

@@ -125,7 +125,7 @@ class Stub:
         return f"@final\nclass {name}:\n{_docs(item, '    ')}{''.join(body)}"
 
     def _group(self, group: re.Match[str]) -> str:
-        """The class of a group of the filter's settings; what is no number is one of a list of names."""
+        """The class of a group of the filter's settings; what is not a number is one of a list of names."""
         fields = [(item, TYPES.get(item["type"], "str")) for item in SETTING.finditer(group["body"])]
         return f"@final\nclass {group['type']}:\n{_docs(group, '    ', prose=True)}{_properties(fields)}"
 

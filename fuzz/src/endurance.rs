@@ -4,7 +4,9 @@ use crate::check_filter;
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use ekf_core::settings::Value;
-use ekf_core::{Bearing, Camera, DepthObservation, Filter, Measurements, Outcome, Settings};
+use ekf_core::{
+    Bearing, Camera, DepthObservation, Filter, MeasurementOutcome, Measurements, Settings,
+};
 use nalgebra::{Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -177,7 +179,7 @@ impl Scene {
         }
         let report = self.filter.update(&z).map_err(text)?;
         for (outcome, point) in report.depths.iter().zip(fresh) {
-            if let Outcome::Born(id) = outcome {
+            if let MeasurementOutcome::Born(id) = outcome {
                 self.points.insert(*id, point);
                 born += 1;
             }

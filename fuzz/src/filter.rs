@@ -7,8 +7,8 @@ use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use ekf_core::settings::Value;
 use ekf_core::{
-    Bearing, Camera, DepthObservation, EkfError, Filter, Measurements, Outcome, PredictedFeature,
-    Settings, WornObservation, WornPair,
+    Bearing, Camera, DepthObservation, EkfError, Filter, MeasurementOutcome, Measurements,
+    PredictedFeature, Settings, WornObservation, WornPair,
 };
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
@@ -209,7 +209,7 @@ impl Life {
             report.nis
         );
         for outcome in report.views.iter().flatten().chain(&report.depths) {
-            if let Outcome::Born(id) = outcome {
+            if let MeasurementOutcome::Born(id) = outcome {
                 let layout = self.filter.state().layout();
                 assert!(layout.find(*id).is_some(), "{id} was born but is not there");
             }

@@ -37,8 +37,8 @@ __all__ = [
     "MapRelocalisation",
     "MapSettings",
     "MatchNoise",
+    "MeasurementOutcomes",
     "OdometrySettings",
-    "Outcomes",
     "OverlapPrediction",
     "OverlapSettings",
     "PairMatches",
@@ -46,17 +46,17 @@ __all__ = [
     "PairPoints",
     "PeakTest",
     "PixelSettings",
-    "Placed",
     "PoseGraph",
+    "PosedNode",
     "Prediction",
     "ProcessSettings",
     "ProjectedPoints",
     "SampledTemplates",
     "SearchResult",
     "SearchWindow",
-    "Sight",
     "Submap",
     "SubmapLandmarks",
+    "SubmapPnp",
     "Turn",
     "UpdateReport",
     "ValidateSettings",
@@ -227,11 +227,11 @@ class Factor:
         Submap that is measured.
     pose : (4, 4) float64
         Of the second from the first, metres.
-    handed_on : (K,) float64
-        What the first was found to hand on; none where the factor does not speak of it.
+    transferred : (K,) float64
+        What the first was found to transfer; none where the factor does not speak of it.
     weight : (R, 6 + K + L) float64
-        Makes the residual white: of the pose, of what the first handed on, and of the L numbers that
-        the second hands on, if the factor speaks of them.
+        Makes the residual white: of the pose, of what the first transferred, and of the L numbers that
+        the second transfers, if the factor speaks of them.
 
     Raises
     ------
@@ -239,7 +239,7 @@ class Factor:
         For wrong shapes, or a pose that is none.
     """
     def __new__(
-        cls, first: int, second: int, pose: ArrayLike, handed_on: ArrayLike, weight: ArrayLike
+        cls, first: int, second: int, pose: ArrayLike, transferred: ArrayLike, weight: ArrayLike
     ) -> Factor: ...
     @staticmethod
     def between(first: int, second: int, edge: Edge) -> Factor:
@@ -284,8 +284,8 @@ class Factor:
             If the covariance is none.
         """
     @staticmethod
-    def of_handed_on(submap: int, covariance: ArrayLike) -> Factor:
-        """How well the filter knows what a submap hands on, where none of the same map follows it.
+    def of_transferred(submap: int, covariance: ArrayLike) -> Factor:
+        """How well the filter knows what a submap transfers, where none of the same map follows it.
 
         Parameters
         ----------
@@ -304,8 +304,8 @@ class Factor:
             If the covariance is none.
         """
     @staticmethod
-    def of_sight(first: int, second: int, sight: Sight) -> Factor:
-        """What the sight of an earlier submap says.
+    def of_submap_pnp(first: int, second: int, pnp: SubmapPnp) -> Factor:
+        """What PnP in an earlier submap says.
 
         Parameters
         ----------
@@ -313,7 +313,7 @@ class Factor:
             The submap that is seen.
         second : int
             The submap at whose end it is seen.
-        sight : Sight
+        pnp : SubmapPnp
 
         Returns
         -------
@@ -331,7 +331,7 @@ class Factor:
     @property
     def pose(self) -> NDArray[np.float64]: ...
     @property
-    def handed_on(self) -> NDArray[np.float64]: ...
+    def transferred(self) -> NDArray[np.float64]: ...
     @property
     def weight(self) -> NDArray[np.float64]: ...
 
@@ -343,8 +343,8 @@ class PoseGraph:
     ----------
     poses : (N, 4, 4) float64
         Of each submap in W, metres.
-    handed_on : sequence of N (K,) float64
-        By how much what each handed on is wrong, as many numbers as it handed on.
+    transferred : sequence of N (K,) float64
+        By how much what each transferred is wrong, as many numbers as it transferred.
     factors : list of Factor
 
     Raises
@@ -354,7 +354,7 @@ class PoseGraph:
         on other numbers.
     """
     def __new__(
-        cls, poses: ArrayLike, handed_on: Sequence[ArrayLike], factors: Sequence[Factor]
+        cls, poses: ArrayLike, transferred: Sequence[ArrayLike], factors: Sequence[Factor]
     ) -> PoseGraph: ...
     def solved(self) -> PoseGraph:
         """The graph whose poses all factors agree with best.
@@ -372,9 +372,9 @@ class PoseGraph:
     def poses(self) -> NDArray[np.float64]:
         """(N, 4, 4) float64, see the class."""
     @property
-    def handed_on(self) -> list[NDArray[np.float64]]:
+    def transferred(self) -> list[NDArray[np.float64]]:
         """List of N (K,) float64, see the class."""
-    def placed(self, submap: int) -> Placed:
+    def posed_node(self, submap: int) -> PosedNode:
         """A submap in W, as all factors have it.
 
         Parameters
@@ -383,7 +383,7 @@ class PoseGraph:
 
         Returns
         -------
-        Placed
+        PosedNode
 
         Raises
         ------
@@ -425,38 +425,38 @@ class PoseGraph:
         Raises
         ------
         InputError
-            If it is of a submap that is not there, or of other numbers than the submaps hand on.
+            If it is of a submap that is not there, or of other numbers than the submaps transfer.
         FilterError
             If a submap is tied to nothing.
         """
 
 @final
-class Placed:
-    """A pose in W with what is handed on there, and how well both are known.
+class PosedNode:
+    """A pose in W with what is transferred there, and how well both are known.
 
     Parameters
     ----------
     pose : (4, 4) float64
         Metres.
-    handed_on : (K,) float64
-        By how much what is handed on there is wrong.
+    transferred : (K,) float64
+        By how much what is transferred there is wrong.
     covariance : (6 + K, 6 + K) float64
-        Joint, of the pose (right tangent, m and rad) and what is handed on.
+        Joint, of the pose (right tangent, m and rad) and what is transferred.
 
     Raises
     ------
     InputError
         For wrong shapes, or a pose that is none.
     """
-    def __new__(cls, pose: ArrayLike, handed_on: ArrayLike, covariance: ArrayLike) -> Placed: ...
+    def __new__(cls, pose: ArrayLike, transferred: ArrayLike, covariance: ArrayLike) -> PosedNode: ...
     @property
     def pose(self) -> NDArray[np.float64]: ...
     @property
-    def handed_on(self) -> NDArray[np.float64]: ...
+    def transferred(self) -> NDArray[np.float64]: ...
     @property
     def covariance(self) -> NDArray[np.float64]: ...
-    def onward(self, edge: Edge) -> Placed:
-        """Where the way from here ends, corrected by what the errors handed on here are now known to be.
+    def onward(self, edge: Edge) -> PosedNode:
+        """Where the way from here ends, corrected by what the errors transferred here are now known to be.
 
         Parameters
         ----------
@@ -464,12 +464,12 @@ class Placed:
 
         Returns
         -------
-        Placed
+        PosedNode
 
         Raises
         ------
         InputError
-            If other numbers were handed on where the way begins.
+            If other numbers were transferred where the way begins.
         FilterError
             If the covariance of the way is none.
         """
@@ -563,10 +563,10 @@ class Edge:
     pose : (4, 4) float64
         Of its end from its beginning, metres.
     revised : (K,) float64
-        By how much the estimate of what the beginning handed on has changed since.
+        By how much the estimate of what the beginning transferred has changed since.
     covariance : (6 + K + L, 6 + K + L) float64
-        Joint, of the pose (right tangent, m and rad), the K numbers that the beginning handed on
-        and the L that the end hands on, where it has ended.
+        Joint, of the pose (right tangent, m and rad), the K numbers that the beginning transferred
+        and the L that the end transfers, where it has ended.
     """
     @property
     def pose(self) -> NDArray[np.float64]: ...
@@ -587,19 +587,19 @@ class Submap:
         T_WC where it ended, metres.
     pose_covariance : (6, 6) float64
         Right tangent, m^2 and rad^2.
-    handed_on : (K, K) float64
-        Covariance of what it hands on: the logarithm of the scale, and of each worn camera the
-        lasting error of T_CF, m and rad along the axes of C.
+    transferred : (K, K) float64
+        Covariance of what it transfers: the logarithm of the scale, and of each worn camera the
+        time-correlated error of T_CF, m and rad along the axes of C.
     ids : (N,) int64
         Landmarks in view.
     points : (N, 3) float64
         From the camera, metres.
     covariance : (3 N, 3 N) float64
         Their joint covariance as they stand to the camera, m^2.
-    with_handed_on : (3 N, K) float64
-        Their covariance with what is handed on.
-    slip : float
-        Standard deviation of a slip while all that is in view is exchanged once, radians.
+    with_transferred : (3 N, K) float64
+        Their covariance with what is transferred.
+    map_drift : float
+        Standard deviation of map drift while all that is in view is exchanged once, radians.
     """
     @property
     def edge(self) -> Edge | None: ...
@@ -608,7 +608,7 @@ class Submap:
     @property
     def pose_covariance(self) -> NDArray[np.float64]: ...
     @property
-    def handed_on(self) -> NDArray[np.float64]: ...
+    def transferred(self) -> NDArray[np.float64]: ...
     @property
     def ids(self) -> NDArray[np.int64]: ...
     @property
@@ -616,13 +616,13 @@ class Submap:
     @property
     def covariance(self) -> NDArray[np.float64]: ...
     @property
-    def with_handed_on(self) -> NDArray[np.float64]: ...
+    def with_transferred(self) -> NDArray[np.float64]: ...
     @property
-    def slip(self) -> float: ...
+    def map_drift(self) -> float: ...
 
 @final
-class Sight:
-    """Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.sight`.
+class SubmapPnp:
+    """Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.pnp`.
 
     Attributes
     ----------
@@ -650,7 +650,7 @@ class SubmapLandmarks:
 
     Parameters
     ----------
-    points, covariance, with_handed_on, handed_on : ndarray
+    points, covariance, with_transferred, transferred : ndarray
         As :class:`Submap` has them.
 
     Raises
@@ -659,18 +659,18 @@ class SubmapLandmarks:
         For wrong shapes.
     """
     def __new__(
-        cls, points: ArrayLike, covariance: ArrayLike, with_handed_on: ArrayLike, handed_on: ArrayLike
+        cls, points: ArrayLike, covariance: ArrayLike, with_transferred: ArrayLike, transferred: ArrayLike
     ) -> SubmapLandmarks: ...
-    def sight(
+    def pnp(
         self,
         camera: Camera,
         sigma: float,
-        slip: float,
+        map_drift: float,
         landmarks: ArrayLike,
         uv: ArrayLike,
         guess: ArrayLike,
         least: int,
-    ) -> Sight | None:
+    ) -> SubmapPnp | None:
         """Pose of a camera that sees the submap, from matches with its landmarks and their covariance.
 
         The worst match is taken out until each agrees with the others and all together pass, by chi-square.
@@ -680,7 +680,7 @@ class SubmapLandmarks:
         camera : Camera
         sigma : float
             Standard deviation of a pixel.
-        slip : float
+        map_drift : float
             Of what all matches share, radians, as :class:`Submap` has it.
         landmarks : (N,) int64
             Of each match, by its place among the points.
@@ -693,7 +693,7 @@ class SubmapLandmarks:
 
         Returns
         -------
-        Sight or None
+        SubmapPnp or None
             None if too few matches agree.
 
         Raises
@@ -898,7 +898,7 @@ class Filter:
         Parameters
         ----------
         ids : (N,) int64
-            Those that are no candidates any more do not count.
+            Those that are not candidates any more do not count.
         """
     def add_undelayed(self, uv: ArrayLike) -> NDArray[np.int64]:
         """Starts features with a vague depth at pixels of the present view; the filter too, in an arbitrary
@@ -1014,7 +1014,7 @@ class Filter:
         Raises
         ------
         InputError
-            If that is no rotation or no offset, once the filter has started, or if there is one already.
+            If that is not a rotation or no offset, once the filter has started, or if there is one already.
         """
     def add_gyro(self, t: float, rate: ArrayLike) -> None:
         """Gives a rate of the gyroscope, for predictions to follow.
@@ -1610,7 +1610,7 @@ class Filter:
         """(7, 7) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC,
         and of the scale's logarithm, as `scale_sd` has it; None without a map.
         """
-    def where_to_look(
+    def next_best_view(
         self,
         t_cf: ArrayLike,
         covariance: ArrayLike,
@@ -1682,7 +1682,7 @@ class CandidateReport:
     ----------
     born : (N,) int64
         Feature id of those that became features, -1 elsewhere.
-    strayed : (N,) float64
+    off_arc : (N,) float64
         Of those that were given up as they are where no point at rest would be: by how many times as much
         as noise and the poses allow; 0 elsewhere.
     held : (N,) bool
@@ -1693,7 +1693,7 @@ class CandidateReport:
     @property
     def born(self) -> NDArray[np.int64]: ...
     @property
-    def strayed(self) -> NDArray[np.float64]: ...
+    def off_arc(self) -> NDArray[np.float64]: ...
     @property
     def held(self) -> NDArray[np.bool_]: ...
     @property
@@ -1903,7 +1903,7 @@ class OverlapPrediction:
     def baseline(self) -> float: ...
 
 @final
-class Outcomes:
+class MeasurementOutcomes:
     """What became of one kind of measurement in a frame.
 
     ``names`` says it of each: ``pixel`` (accepted as two pixel rows), ``depth`` (as three metric rows),
@@ -1950,9 +1950,9 @@ class UpdateReport:
 
     Attributes
     ----------
-    bearings, depths : Outcomes
+    bearings, depths : MeasurementOutcomes
         What became of the pixels in Cs and of the depths, in the order they were given.
-    views : list of Outcomes
+    views : list of MeasurementOutcomes
         What became of the pairs of each view.
     accepted : bool
         Whether the frame was used: False if fewer bearings than asked for passed the tests.
@@ -1977,11 +1977,11 @@ class UpdateReport:
         the map.
     """
     @property
-    def bearings(self) -> Outcomes: ...
+    def bearings(self) -> MeasurementOutcomes: ...
     @property
-    def depths(self) -> Outcomes: ...
+    def depths(self) -> MeasurementOutcomes: ...
     @property
-    def views(self) -> list[Outcomes]: ...
+    def views(self) -> list[MeasurementOutcomes]: ...
     @property
     def accepted(self) -> bool: ...
     @property
@@ -2478,7 +2478,7 @@ class ProcessSettings:
     def start_angular_velocity_sd(self) -> float:
         """Standard deviation of each component of the angular velocity at the start."""
     @property
-    def handover(self) -> float:
+    def map_drift(self) -> float:
         """How much of the error that landmarks in view share shows in their innovations: a new view
         stands beside an old one with this many times the part of the innovations that is beyond a
         patch's own noise, by angle (METHOD 20); 0 for errors that are as the noise of the pixels

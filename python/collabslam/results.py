@@ -107,7 +107,7 @@ class StepResult:
         Whether lengths are metres; otherwise they are in a unit that the start chose, and that drifts.
     scale_sd : float
         Relative standard deviation of the scale: all distances from the camera to the map may be too long or
-        too short by this share together.  Infinite where lengths are no metres, and before the start.
+        too short by this share together.  Infinite where lengths are not metres, and before the start.
     pose_map, covariance_map : (4, 4), (6, 6) float64
         The same pose in the map of all submaps, as loops correct it, and its covariance.  ``pose`` and
         ``covariance`` until one is found: those never jump when an earlier place is recognised, these do.

@@ -9,10 +9,10 @@ from typing import Any
 
 from helpers.waiting import until
 
-from collabslam.live.cameras import PlayedRecording
+from collabslam.live.cameras import RecordingPlayback
+from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.robot import RobotNode
 from collabslam.live.sending import send_all
-from collabslam.live.steady import SteadyClock
 from collabslam.live.views import LiveView, sender_of
 from collabslam.live.worn import WornDevice
 from collabslam.types import Recording
@@ -21,7 +21,7 @@ AFTER = 0.005
 """Seconds by which the clock is past a frame's time, as devices know it to less."""
 
 
-class SetClock(SteadyClock):
+class SetClock(MonotonicClock):
     """Shows what it was set to."""
 
     def __init__(self, t: float) -> None:
@@ -31,17 +31,17 @@ class SetClock(SteadyClock):
         return self.t
 
 
-class Behind(SteadyClock):
+class Behind(MonotonicClock):
     """Another device's clock: that of the robot, and some seconds more."""
 
-    def __init__(self, camera: PlayedRecording, offset: float) -> None:
+    def __init__(self, camera: RecordingPlayback, offset: float) -> None:
         self._camera, self._offset = camera, offset
 
     def now(self) -> float:
         return self._camera.clock.now() + self._offset
 
 
-class InStep(PlayedRecording):
+class InStep(RecordingPlayback):
     """A frame comes when the one before is done, and the view of each person that goes with it is there."""
 
     def __init__(self, recording: Recording) -> None:
@@ -70,7 +70,7 @@ class InStep(PlayedRecording):
         node._done, node.uplink._push = note_done, note_view  # type: ignore[method-assign]
 
     @staticmethod
-    def send(device: WornDevice, camera: PlayedRecording, robot: threading.Thread) -> None:
+    def send(device: WornDevice, camera: RecordingPlayback, robot: threading.Thread) -> None:
         """What a device sends until the robot is done; never as datagrams, which may be lost."""
         device.way.datagrams = lambda sent: False  # type: ignore[method-assign]
         send_all(device, camera, lambda: not robot.is_alive())

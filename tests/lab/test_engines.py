@@ -58,7 +58,7 @@ def act(what: str) -> str:
         time.sleep(LONGEST)
     if what == "fail":
         raise DataError("what was asked for cannot be done")
-    print("words of a task")  # they are no answer
+    print("words of a task")  # they are not an answer
     return what
 
 

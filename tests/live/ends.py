@@ -14,17 +14,17 @@ from typing import Any, ClassVar
 
 import collabslam
 from collabslam.live import link, messages, names, slam
-from collabslam.live.cameras import PlayedRecording
+from collabslam.live.cameras import RecordingPlayback
 from collabslam.live.core import Event, LiveCore, LivePose
 from collabslam.live.keys import Keys
+from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.robot import RobotNode, RobotOptions
 from collabslam.live.sending import send_all
-from collabslam.live.steady import SteadyClock
 from collabslam.live.views import LiveView
 from collabslam.live.worn import WornDevice
 
 
-class OtherClock(SteadyClock):
+class OtherClock(MonotonicClock):
     """A clock that is ``offset`` seconds off and runs ``drift`` too fast."""
 
     def __init__(self, offset: float, drift: float) -> None:
@@ -53,7 +53,7 @@ class Listed(WornDevice):
 
 def worn(asked: dict[str, Any]) -> dict[str, Any]:
     recording = collabslam.open_recording(asked["recording"])
-    camera = PlayedRecording(recording)
+    camera = RecordingPlayback(recording)
     camera.clock = clock = OtherClock(asked["offset"], asked["drift"])
     keys = Keys.read(Path(asked["keys"]))
     assert recording.worn_camera is not None
@@ -86,7 +86,7 @@ class Timed(LiveCore):
 
 def robot(asked: dict[str, Any]) -> dict[str, Any]:
     recording = collabslam.open_recording(asked["recording"])
-    camera = PlayedRecording(recording)
+    camera = RecordingPlayback(recording)
     record = Path(asked["record"]) if asked.get("record") else None
     options = RobotOptions(Path(asked["out"]), collabslam.Settings.default(), record=record)
     exchanges: list[tuple[float, float]] = []

@@ -16,11 +16,11 @@ from phone_scene import TAG, ThereAndBack, phone_video
 
 from collabslam import Camera, Settings
 from collabslam.live import link
-from collabslam.live.cameras import PlayedRecording
+from collabslam.live.cameras import RecordingPlayback
+from collabslam.live.frame_source import CapturedImage
 from collabslam.live.gateway import Gateway
 from collabslam.live.keys import make_keys
 from collabslam.live.robot import RobotNode, RobotOptions
-from collabslam.live.shots import Shot
 from collabslam.live.web import Tokens, WebServer
 
 TOKENS = Tokens("phone", "view")
@@ -29,15 +29,15 @@ SOON = 90.0
 """Seconds in which a page does what it should, however busy the machine."""
 
 
-class Ending(PlayedRecording):
+class Ending(RecordingPlayback):
     """Ends when the browser has seen enough."""
 
     def __init__(self, recording: ThereAndBack) -> None:
         super().__init__(recording)
         self.enough = threading.Event()
 
-    def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
-        return super().shots(self.enough.is_set)
+    def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
+        return super().images(self.enough.is_set)
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ class Walk:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ScenarioOutcome:
     """What a scenario gave; times are the machine's, seconds.
 
     Attributes
@@ -104,7 +104,7 @@ class Outcome:
         """Times of frames that were done alone although there was a view that was fresh: there may be none.
 
         One that was on its way for long is no longer fresh soon after it has come, and an image whose T_CF
-        was lost is no view.
+        was lost is not a view.
         """
         alone, (taken, given) = self.frames[~self.collab], self.given.T
         return np.array([t for t in alone if ((taken > t - 0.8) & (given < t - 0.3)).any()])
@@ -225,7 +225,7 @@ def play(
     between: Callable[[w.Wire], Any] = network,
     record: bool = False,
     trouble: Callable[[Playing], tuple[float, float]] | None = None,
-) -> Outcome:
+) -> ScenarioOutcome:
     """A walk over a network; ``trouble`` tells when it began and ended."""
     folder.mkdir()
     to_robot = {
@@ -272,13 +272,13 @@ def _end(net: Network, role: str, asked: dict[str, Any]) -> subprocess.Popen[byt
     return subprocess.Popen([*command, json.dumps(asked)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
-def _outcome(walk: Walk, folder: Path, counts: w.Counts, began: float, ended: float) -> Outcome:
+def _outcome(walk: Walk, folder: Path, counts: w.Counts, began: float, ended: float) -> ScenarioOutcome:
     robot, worn = (json.loads((folder / f"{role}.json").read_text()) for role in ("robot", "worn"))
     true = dict(worn["seen"])
     arrivals = [(true[stamp], taken, came) for stamp, taken, came in robot["arrivals"] if stamp in true]
     taken, told, came = (np.array(column) for column in zip(*arrivals, strict=True))
     frames = frames_of(folder / "out")
-    return Outcome(
+    return ScenarioOutcome(
         out=folder / "out",
         summary=robot["summary"],
         error=position_error(folder / "out", walk.times, walk.truth),

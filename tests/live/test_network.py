@@ -20,7 +20,7 @@ import wire as w
 pytest.importorskip("zenoh", reason="the extra live is not installed")
 
 from networks import loopback
-from scenario import HERE, Outcome, Walk, dark, error_without, play, stopped, walk
+from scenario import HERE, ScenarioOutcome, Walk, dark, error_without, play, stopped, walk
 
 import collabslam
 from collabslam.datasets.wrapped import FirstFrames
@@ -61,7 +61,7 @@ class Place:
     corridors: tuple[Walk, ...]
     ahead: Walk
 
-    def play(self, name: str, wire: w.Wire, on: Walk | None = None, **options: Any) -> Outcome:
+    def play(self, name: str, wire: w.Wire, on: Walk | None = None, **options: Any) -> ScenarioOutcome:
         """A walk, `ahead` if none is given, over a network."""
         return play(on or self.ahead, self.keys, self.folder / name, wire, **options)
 
@@ -94,7 +94,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
 
 
 @pytest.fixture(scope="module")
-def clean(place: Place) -> Outcome:
+def clean(place: Place) -> ScenarioOutcome:
     return place.play("clean", CLEAN, record=True)
 
 
@@ -102,11 +102,11 @@ def quantile_ms(seconds: Any, q: float) -> float:
     return 1e3 * float(np.quantile(seconds, q))
 
 
-def test_what_arrives_went_over_the_wire(clean: Outcome) -> None:
+def test_what_arrives_went_over_the_wire(clean: ScenarioOutcome) -> None:
     assert clean.bytes_on_wire > clean.bytes_received > 10 * LEVELS[-1].size
 
 
-def test_clean(place: Place, clean: Outcome, figures: dict[str, Any]) -> None:
+def test_clean(place: Place, clean: ScenarioOutcome, figures: dict[str, Any]) -> None:
     figures["uplink_kBps"] = clean.rate / 1e3
     figures["age_p50_ms"] = quantile_ms(clean.ages, 0.5)
     figures["error_ratio_clean"] = clean.error / place.ahead.offline_error
@@ -117,19 +117,19 @@ def test_clean(place: Place, clean: Outcome, figures: dict[str, Any]) -> None:
     assert clean.error < SANE
 
 
-def test_clocks_that_are_apart(clean: Outcome, figures: dict[str, Any]) -> None:
+def test_clocks_that_are_apart(clean: ScenarioOutcome, figures: dict[str, Any]) -> None:
     figures["clock_error_ms"] = quantile_ms(np.abs(clean.clock), 0.99)
     assert (np.abs(clean.clock) < clean.clock_bound).all()
     assert np.median(clean.clock_bound) < 0.5  # else it says nothing
 
 
-def test_robot_frames_are_not_held_up(clean: Outcome, figures: dict[str, Any]) -> None:
+def test_robot_frames_are_not_held_up(clean: ScenarioOutcome, figures: dict[str, Any]) -> None:
     figures["frame_p99_ms"] = quantile_ms(clean.lasted, 0.99)
     figures["frame_work_p99_ms"] = quantile_ms(clean.worked, 0.99)
     assert np.median(clean.lasted) < 0.1  # the camera's own pace
 
 
-def test_a_replay_is_the_same(place: Place, clean: Outcome, figures: dict[str, Any]) -> None:
+def test_a_replay_is_the_same(place: Place, clean: ScenarioOutcome, figures: dict[str, Any]) -> None:
     replay(place.folder / "clean" / "record", place.folder / "again")
     same = [
         (place.folder / "again" / name).read_bytes() == (clean.out / name).read_bytes()
@@ -204,7 +204,7 @@ def test_packets_that_overtake_each_other(place: Place) -> None:
     assert (np.abs(found.clock) < found.clock_bound).all()
 
 
-def returned(found: Outcome) -> float:
+def returned(found: ScenarioOutcome) -> float:
     """Seconds from the end of the trouble to the first image; asserts that the robot did as it should."""
     before = found.came[found.came < found.ended]
     silent = (found.frames > before.max() + SILENT + 0.3) & (found.frames < found.ended)

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium o
 BEGINS = pose(rotation_exp([0.0, -1.2, 0.0]), [5.0, -3.0, 2.0])
 """Of the phone's own world."""
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-PLAYED = (Path(__file__).parent / "played_xr.js").read_text()
+PLAYED = (Path(__file__).parent / "xr_playback.js").read_text()
 
 
 def projection() -> list[float]:

@@ -30,7 +30,7 @@ from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.calibration import sensor_mapping
 from collabslam.types import Frame
-from collabslam_lab import wearers
+from collabslam_lab import worn_cameras
 from collabslam_lab.benchmark import evaluate
 from collabslam_lab.cli import main as lab
 from collabslam_lab.learned import viewpoints
@@ -157,7 +157,7 @@ def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(evaluate.descriptors, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(evaluate.blackout, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(viewpoints, "reproduce", lambda *_, **__: "")
-    monkeypatch.setattr(wearers, "run_experiments", lambda *_, **__: {})
+    monkeypatch.setattr(worn_cameras, "run_experiments", lambda *_, **__: {})
     return place
 
 
@@ -179,7 +179,7 @@ def play(words: list[str], folder: Path) -> None:
             status = COMMAND_LINES[name](rest)
         except SystemExit as done:  # --help
             status = int(done.code or 0)
-        loose = "camchain.yaml" in rest  # the cameras of the demo are no rig, and the run says so
+        loose = "camchain.yaml" in rest  # the cameras of the demo are not a rig, and the run says so
         assert status == (1 if loose else 0), words
     elif name in TOOLS:
         subprocess.run([str(Path(sys.executable).parent / name), *rest], check=True, capture_output=True)

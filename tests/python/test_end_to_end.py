@@ -1,7 +1,7 @@
 """Rendered corridors through the whole pipeline, with the defaults: what a user gets, how good it must be.
 
 Each bound is between what six seeds of the noise give and what a fault would.  One seed is run, and three
-where the modes are compared, so the figures repeat to the bit on a machine; the spread says how far an honest
+where the modes are compared, so the figures repeat to the bit on a machine; the spread says how far a sound
 change of the code may move them.
 
 ========  ======================  ==================  ==================  =====================

@@ -8,7 +8,8 @@
 )]
 
 use ekf_core::{
-    Bearing, Camera, DepthObservation, Filter, Measurements, Outcome, Settings, UpdateReport,
+    Bearing, Camera, DepthObservation, Filter, MeasurementOutcome, Measurements, Settings,
+    UpdateReport,
 };
 use nalgebra::{Vector2, Vector3};
 use rand::{Rng, SeedableRng};
@@ -72,7 +73,7 @@ fn a_warm_step_allocates_nothing() {
     };
     let report = filter.update(&births).unwrap();
     let ids = report.depths.iter().map(|o| match o {
-        Outcome::Born(id) => *id,
+        MeasurementOutcome::Born(id) => *id,
         other => panic!("{other:?}"),
     });
     let ids: Vec<u64> = ids.collect();

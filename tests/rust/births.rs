@@ -9,7 +9,7 @@ use ekf_core::math::{inverse_depth, pose::Pose, quat};
 use ekf_core::observe::point::CameraPose;
 use ekf_core::settings::Value;
 use ekf_core::state::BlockKind;
-use ekf_core::{Filter, Outcome, WornObservation, WornPair};
+use ekf_core::{Filter, MeasurementOutcome, WornObservation, WornPair};
 use nalgebra::{DMatrix, DVector, Matrix6, Vector2, Vector6};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
@@ -127,7 +127,7 @@ fn instant(errors: &str) -> (Warm, WornObservation, Vec<u64>) {
     let born: Vec<u64> = report.views[0]
         .iter()
         .filter_map(|o| match o {
-            Outcome::Born(id) => Some(*id),
+            MeasurementOutcome::Born(id) => Some(*id),
             _ => None,
         })
         .collect();
@@ -504,8 +504,8 @@ fn a_match_off_the_plane_of_both_views_is_no_birth() {
         let (wrong, none) = outcomes(up);
         assert_eq!(none, 0, "{wrong:?}");
         for (right, wrong) in right.iter().zip(&wrong) {
-            let strayed = matches!(wrong, CandidateOutcome::Strayed(by) if *by > 1.0);
-            assert!(!is_born(right) || strayed, "{up} px: {wrong:?}");
+            let off_arc = matches!(wrong, CandidateOutcome::OffArc(by) if *by > 1.0);
+            assert!(!is_born(right) || off_arc, "{up} px: {wrong:?}");
         }
     }
 }
@@ -534,8 +534,8 @@ fn what_moves_against_the_parallax_does_not_wait() {
     };
     let against = outcomes(1.0);
     assert!(against.len() >= 3);
-    let strayed = |o: &CandidateOutcome| matches!(o, CandidateOutcome::Strayed(by) if *by > 1.0);
-    assert!(against.iter().all(strayed), "{against:?}");
+    let off_arc = |o: &CandidateOutcome| matches!(o, CandidateOutcome::OffArc(by) if *by > 1.0);
+    assert!(against.iter().all(off_arc), "{against:?}");
     // A little of it is noise.
     let little = outcomes(0.02);
     assert!(little.iter().all(CandidateOutcome::waits), "{little:?}");
@@ -547,7 +547,7 @@ fn what_is_fixed_to_the_camera_is_no_birth() {
     let (mut warm, tracked) = delayed(&[], 20);
     let (size, count) = (warm.filter.map_size(), tracked.len());
     let mut still: Vec<(u64, Vector2<f64>)> = tracked.iter().map(|t| (t.0, t.2)).collect();
-    // Noise of a pixel is no motion.
+    // Noise of a pixel is not a motion.
     still.iter_mut().for_each(|(_, uv)| uv.x += 0.9);
     let outcomes = warm.filter.observe_candidates(&still).expect("candidates");
     let is = |outcome| outcomes.iter().filter(|o| **o == outcome).count();
@@ -599,11 +599,11 @@ fn a_point_is_fixed_to_the_camera_where_no_distance_explains_it() {
     assert_eq!(at(7.0, -0.2, 0.0, middle, 0.0), Some(Held::Perhaps));
     assert_eq!(at(7.0, 0.2, 0.0, middle, 0.0), Some(Held::Perhaps));
     assert_eq!(at(20.0, -0.2, 0.0, middle, 0.0), Some(Held::Perhaps));
-    assert_eq!(at(20.0, 0.2, 0.0, middle, 0.0), Some(Held::ByTheCamera));
+    assert_eq!(at(20.0, 0.2, 0.0, middle, 0.0), Some(Held::RigFixed));
     // Straight ahead, beside the way: nearer points move outwards, away from the middle.
     assert_eq!(
         at(20.0, 0.0, -0.2, (520.0, 240.0), 0.0),
-        Some(Held::ByTheCamera)
+        Some(Held::RigFixed)
     );
     assert_eq!(
         at(20.0, 0.0, -0.2, (120.0, 240.0), 0.0),
@@ -611,7 +611,7 @@ fn a_point_is_fixed_to_the_camera_where_no_distance_explains_it() {
     );
     assert_eq!(
         at(20.0, 0.0, -0.2, (320.0, 40.0), 0.0),
-        Some(Held::ByTheCamera)
+        Some(Held::RigFixed)
     );
     // On the spot nobody can tell; what moves by more than its noise is not held.
     assert_eq!(at(20.0, 0.0, 0.0, middle, 0.0), Some(Held::Perhaps));
@@ -635,8 +635,8 @@ fn a_tight_birth_of_vague_depth_is_taken_back() {
         (filter, report.views.concat())
     };
     let (all, outcomes) = start(10.0);
-    let ratio = |outcome: &Outcome| match outcome {
-        Outcome::Born(id) => {
+    let ratio = |outcome: &MeasurementOutcome| match outcome {
+        MeasurementOutcome::Born(id) => {
             let rho = indices_of(&all, *id)[5];
             let variance = all.state().covariance().get(rho, rho);
             Some(variance.sqrt() / all.state().mean()[rho])
@@ -653,7 +653,7 @@ fn a_tight_birth_of_vague_depth_is_taken_back() {
     assert_eq!(filter.map_size(), middle);
     for (before, after) in outcomes.iter().zip(&judged) {
         let vague = ratio(before).map(|ratio| ratio > largest);
-        let is_vague = *after == Outcome::TooUncertain;
+        let is_vague = *after == MeasurementOutcome::TooUncertain;
         assert!(vague.is_none_or(|vague| vague == is_vague), "{judged:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! What lasts of errors, beside P (METHOD 20): told, and never believed.
 
-use crate::handover::give_birth;
 use crate::local::Pair;
+use crate::map_drift::give_birth;
 use crate::scene::{Warm, name, warm};
 use crate::update::{Dense, measure, units};
 use ekf_core::settings::Value;
@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 /// Two cameras that see the same; in the map of the first one something lasts, in that of the second all errors are white.
 fn pair(seed: u64, frames: usize, changes: &[(&str, Value)]) -> [Warm; 2] {
     let mut pair = [10.0, 0.0].map(|drift| {
-        let mut all = vec![("process.handover", Value::Float(drift))];
+        let mut all = vec![("process.map_drift", Value::Float(drift))];
         all.extend_from_slice(changes);
         warm(seed, &all)
     });
@@ -29,8 +29,8 @@ fn covariance(filter: &Filter) -> DMatrix<f64> {
 }
 
 /// Covariance of what lasts.
-fn lasting([lasting, white]: &[Warm; 2]) -> DMatrix<f64> {
-    covariance(&lasting.filter) - covariance(&white.filter)
+fn time_correlated([time_correlated, white]: &[Warm; 2]) -> DMatrix<f64> {
+    covariance(&time_correlated.filter) - covariance(&white.filter)
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn the_estimate_does_not_know_of_it() {
             lasts.filter.state().layout().blocks() == white.filter.state().layout().blocks(),
             "the state that is shown has no error modes"
         );
-        let more = lasting(&pair);
+        let more = time_correlated(&pair);
         let least = more.clone().symmetric_eigenvalues().min();
         assert!(least > -1e-12 * more.trace(), "{least:e}");
         assert!(more.trace() > 1e-3 * covariance(&white.filter).trace());
@@ -69,7 +69,7 @@ fn an_update_leaves_what_the_gain_leaves() {
     let [before, white] = [&pair[0], &pair[1]].map(|warm| warm.filter.clone());
     let mut expected = Dense::of(&white, None);
     let mut remains = expected.clone();
-    remains.p = lasting(&pair);
+    remains.p = time_correlated(&pair);
     let measured = pair.each_mut().map(|warm| measure(warm, false));
     let pixels = measured
         .each_ref()
@@ -88,7 +88,7 @@ fn an_update_leaves_what_the_gain_leaves() {
     let clones = white.state().layout().of_kind(BlockKind::Clone);
     let quaternions: Vec<usize> = clones.map(|b| b.offset + 3).chain([3]).collect();
     remains.normalise(&quaternions);
-    let (found, prior) = (lasting(&pair), covariance(&before));
+    let (found, prior) = (time_correlated(&pair), covariance(&before));
     let mut largest: f64 = 0.0;
     for i in 0..found.nrows() {
         for j in 0..found.nrows() {

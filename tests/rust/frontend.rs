@@ -2,7 +2,7 @@
 //! whatever the windows.
 
 use ekf_core::Camera;
-use frontend::search::{Expected, Options, Outcome, search};
+use frontend::search::{Expected, Options, SearchOutcome, search};
 use frontend::{Image, align, warp};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -67,7 +67,7 @@ fn a_template_is_found_where_it_was_cut() {
         &[expected(54.0, 37.0, 2.0)],
         &OPTIONS,
     );
-    assert_eq!(found[0].outcome, Outcome::Found);
+    assert_eq!(found[0].outcome, SearchOutcome::Found);
     assert!((found[0].score - 1.0).abs() < 1e-6);
     assert!((found[0].uv - Vector2::new(50.0, 40.0)).norm() < 1e-3);
     // Out of the ellipse, and out of the image.
@@ -91,7 +91,7 @@ fn a_template_is_found_where_it_was_cut() {
         &[expected(-40.0, 40.0, 2.0)],
         &OPTIONS,
     );
-    assert_eq!(outside[0].outcome, Outcome::Outside);
+    assert_eq!(outside[0].outcome, SearchOutcome::Outside);
 }
 
 #[test]
@@ -159,9 +159,9 @@ fn a_weak_texture_is_found_in_noise() {
         let template = cut(&first, 120, u, v);
         let one = search(&image, &template, SIDE, &expected, &SCARCE)[0];
         let strict = search(&image, &template, SIDE, &expected, &OPTIONS)[0];
-        few += usize::from(strict.outcome == Outcome::Found);
+        few += usize::from(strict.outcome == SearchOutcome::Found);
         tried += 1;
-        if one.outcome == Outcome::Found {
+        if one.outcome == SearchOutcome::Found {
             let off = (one.uv - Vector2::new(u as f64, v as f64)).norm();
             if off < 2.0 { found += 1 } else { wrong += 1 }
         }
@@ -187,7 +187,12 @@ fn noise_alone_is_not_found() {
             &[expected(u as f64, 45.0, 8.0)],
             &SCARCE,
         );
-        assert_eq!(found[0].outcome, Outcome::LowScore, "{}", found[0].score);
+        assert_eq!(
+            found[0].outcome,
+            SearchOutcome::LowScore,
+            "{}",
+            found[0].score
+        );
     }
 }
 
@@ -291,7 +296,9 @@ fn no_window_panics() {
             })
             .collect();
         for found in search(&image, &templates, SIDE, &places, &OPTIONS) {
-            assert!(found.outcome != Outcome::Found || found.uv.iter().all(|x| x.is_finite()));
+            assert!(
+                found.outcome != SearchOutcome::Found || found.uv.iter().all(|x| x.is_finite())
+            );
         }
         let anywhere = Vector2::new(random(400.0) - 200.0, random(400.0) - 200.0);
         align::align(&image, &templates[..SIDE * SIDE], SIDE, anywhere);

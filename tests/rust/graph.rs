@@ -1,7 +1,7 @@
 //! The graph of poses: its solution and its covariances against brute force, and against chance.
 
 use ekf_core::EkfError;
-use ekf_core::graph::{Edge, Factor, HandedOn, Node, PoseGraph};
+use ekf_core::graph::{Edge, Factor, Node, PoseGraph, Transferred};
 use ekf_core::math::pose::Pose;
 use nalgebra::{DMatrix, Matrix6, SVector, Vector3, Vector6};
 use rand::SeedableRng;
@@ -9,9 +9,9 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
-/// Numbers that a submap of one worn camera hands on, and numbers of its node.
-const HANDED_ON: usize = 7;
-const NODE: usize = 6 + HANDED_ON;
+/// Numbers that a submap of one worn camera transfers, and numbers of its node.
+const TRANSFERRED: usize = 7;
+const NODE: usize = 6 + TRANSFERRED;
 
 pub(crate) fn draw<const N: usize>(rng: &mut Pcg64) -> SVector<f64, N> {
     SVector::from_fn(|_, _| StandardNormal.sample(rng))
@@ -44,14 +44,14 @@ struct Measured {
 pub(crate) const EDGE_SD: [f64; 6] = [0.005, 0.005, 0.005, 0.002, 0.002, 0.002];
 const LOOP_SD: f64 = 0.005;
 const SCALE_SD: f64 = 0.05;
-/// Share of what is handed on that stays from one submap to the next.
+/// Share of what is transferred that stays from one submap to the next.
 pub(crate) const STAYS: f64 = 0.995;
 
 fn measure(truth: &[Pose], loops: usize, rng: &mut Pcg64) -> Measured {
     let variance = SCALE_SD * SCALE_SD;
     let mut handed = SCALE_SD * draw::<1>(rng)[0];
     let mut edges = Vec::new();
-    let mut start = vec![Node::at(truth[0].clone(), HANDED_ON)];
+    let mut start = vec![Node::at(truth[0].clone(), TRANSFERRED)];
     for pair in truth.windows(2) {
         let exact = pair[0].inverse().compose(&pair[1]);
         let noise = Vector6::from(EDGE_SD).component_mul(&draw::<6>(rng));
@@ -78,9 +78,9 @@ fn measure(truth: &[Pose], loops: usize, rng: &mut Pcg64) -> Measured {
         covariance[(NODE, 6)] = STAYS * variance;
         start.push(Node::at(
             start[start.len() - 1].pose.compose(&pose),
-            HANDED_ON,
+            TRANSFERRED,
         ));
-        let revised = HandedOn::zeros(HANDED_ON);
+        let revised = Transferred::zeros(TRANSFERRED);
         edges.push(Edge {
             pose,
             revised,
@@ -95,7 +95,7 @@ fn measure(truth: &[Pose], loops: usize, rng: &mut Pcg64) -> Measured {
         (from, from + lap, exact.retract(&(draw::<6>(rng) * LOOP_SD)))
     };
     let loops = (0..loops).map(close).collect();
-    let mut last = DMatrix::zeros(HANDED_ON, HANDED_ON);
+    let mut last = DMatrix::zeros(TRANSFERRED, TRANSFERRED);
     last[(0, 0)] = variance;
     Measured {
         edges,
@@ -114,7 +114,7 @@ fn graph(measured: &Measured, change: impl Fn(&mut Edge)) -> PoseGraph {
         factors.push(Factor::between(k, k + 1, &edge).unwrap());
     }
     let end = measured.edges.len();
-    factors.push(Factor::handed_on(end, &measured.last).unwrap());
+    factors.push(Factor::transferred(end, &measured.last).unwrap());
     for (from, to, pose) in &measured.loops {
         let p = Matrix6::identity() * LOOP_SD * LOOP_SD;
         factors.push(Factor::pose(Some(*from), *to, pose, &p).unwrap());
@@ -170,7 +170,7 @@ fn monte_carlo(loops: usize, change: impl Fn(&mut Edge)) -> ([f64; 3], f64) {
 pub(crate) const BAND: std::ops::Range<f64> = 4.2..7.8;
 
 #[test]
-fn its_covariances_are_honest_with_and_without_loops() {
+fn its_covariances_are_consistent_with_and_without_loops() {
     for loops in [0, 4] {
         let (nees, ratio) = monte_carlo(loops, |_| {});
         println!("{loops} loops: NEES {nees:.1?}, error {ratio:.2} of before");
@@ -289,7 +289,7 @@ fn a_loop_that_cannot_be_is_far_from_what_is_known() {
 }
 
 #[test]
-fn what_follows_a_node_is_corrected_by_what_the_node_handed_on_wrongly() {
+fn what_follows_a_node_is_corrected_by_what_the_node_transferred_wrongly() {
     let truth = walk(20);
     let measured = measure(&truth, 0, &mut Pcg64::seed_from_u64(4));
     let (head, next) = (&measured.edges[..18], &measured.edges[18]);
@@ -306,20 +306,20 @@ fn what_follows_a_node_is_corrected_by_what_the_node_handed_on_wrongly() {
     graph = PoseGraph::new(graph.nodes().to_vec(), factors).unwrap();
     graph.solve().unwrap();
     let marginals = graph.marginals().unwrap();
-    let onward = marginals.placed(18).onward(next).unwrap();
+    let onward = marginals.posed_node(18).onward(next).unwrap();
     // The same as one node more.
     let mut factors = graph.factors().to_vec();
-    factors.retain(|f| f.weight.nrows() != HANDED_ON);
+    factors.retain(|f| f.weight.nrows() != TRANSFERRED);
     factors.push(Factor::between(18, 19, next).unwrap());
-    factors.push(Factor::handed_on(19, &measured.last).unwrap());
+    factors.push(Factor::transferred(19, &measured.last).unwrap());
     let mut nodes = graph.nodes().to_vec();
     nodes.push(onward.node.clone());
     let mut longer = PoseGraph::new(nodes, factors).unwrap();
     longer.solve().unwrap();
-    let same = longer.marginals().unwrap().placed(19);
+    let same = longer.marginals().unwrap().posed_node(19);
     let off = same.node.pose.inverse().compose(&onward.node.pose).log();
     assert!(off.amax() < 1e-6, "{off}");
-    let off = &same.node.handed_on - &onward.node.handed_on;
+    let off = &same.node.transferred - &onward.node.transferred;
     assert!(off.amax() < 1e-6, "{off}");
     let sd = same.covariance.diagonal().map(f64::sqrt);
     // Of the pose and the scale: there is no bias here.
@@ -329,13 +329,13 @@ fn what_follows_a_node_is_corrected_by_what_the_node_handed_on_wrongly() {
             assert!(off.abs() < 1e-3, "{i} {j}: {off:e}");
         }
     }
-    let moved = graph.nodes()[18].handed_on[0].abs();
+    let moved = graph.nodes()[18].transferred[0].abs();
     assert!(moved > 0.1 * SCALE_SD, "the scale was found wrong: {moved}");
 }
 
 #[test]
 fn what_is_tied_to_nothing_and_factors_of_no_node_are_refused() {
-    let nodes = vec![Node::at(Pose::identity(), HANDED_ON); 2];
+    let nodes = vec![Node::at(Pose::identity(), TRANSFERRED); 2];
     let tied = Factor::pose(None, 0, &Pose::identity(), &Matrix6::identity()).unwrap();
     let mut graph = PoseGraph::new(nodes.clone(), vec![tied.clone()]).unwrap();
     let refused = |e: EkfError| matches!(e, EkfError::NotPositiveDefinite { .. });

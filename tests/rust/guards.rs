@@ -4,7 +4,7 @@ use crate::scene::{Scene, adopt, name, settings};
 use ekf_core::DepthObservation;
 use ekf_core::math::pose::Pose;
 use ekf_core::settings::Value;
-use ekf_core::{Bearing, EkfError, Filter, Measurements, Outcome};
+use ekf_core::{Bearing, EkfError, Filter, MeasurementOutcome, Measurements};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use std::collections::BTreeMap;
 
@@ -126,10 +126,13 @@ fn what_may_be_anywhere_is_not_used_and_nothing_is_born_of_it() {
     let report = filter.update(&z).expect("good numbers");
     for (outcome, f) in report.bearings.iter().zip(&seen) {
         let vague = f.s[(0, 0)].max(f.s[(1, 1)]) > 720.0 * 720.0;
-        assert!(!vague || *outcome != Outcome::Pixel, "{outcome:?}");
+        assert!(
+            !vague || *outcome != MeasurementOutcome::Pixel,
+            "{outcome:?}"
+        );
     }
-    assert!(report.bearings.contains(&Outcome::TooUncertain));
-    assert_eq!(report.depths, [Outcome::NotVisible]);
+    assert!(report.bearings.contains(&MeasurementOutcome::TooUncertain));
+    assert_eq!(report.depths, [MeasurementOutcome::NotVisible]);
     assert_eq!(filter.map_size(), size);
     filter.check().expect("sound");
 }
@@ -164,7 +167,12 @@ fn measurements_that_would_break_p_are_refused() {
     assert!(filter.snapshot() == before, "ids and time included");
     let report = ekf_core::UpdateReport::refused(&wild, error);
     assert_eq!(report.bearings.len(), wild.bearings.len());
-    assert!(report.bearings.iter().all(|o| *o == Outcome::Refused));
+    assert!(
+        report
+            .bearings
+            .iter()
+            .all(|o| *o == MeasurementOutcome::Refused)
+    );
 
     let mut far = good.clone();
     far.views.clear();

@@ -1,5 +1,5 @@
 //! Views of Cf that were taken between frames, or come late (METHOD 21): worth as much as those of a frame's own instant, and
-//! honest about it.
+//! consistent about it.
 
 use crate::scene::{DT, Scene, Warm, adopt, name, warm};
 use ekf_core::math::pose::Pose;

@@ -3,7 +3,7 @@
 use crate::scene::{camera, name, normals, rng, settings};
 use ekf_core::math::{pose::Pose, quat};
 use ekf_core::settings::Value;
-use ekf_core::{Bearing, DepthObservation, Filter, Measurements, Outcome};
+use ekf_core::{Bearing, DepthObservation, Filter, MeasurementOutcome, Measurements};
 use nalgebra::Vector3;
 use rand::Rng;
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
-    pub(crate) fn new(seed: u64, points: usize, consistency: &str, handover: f64) -> Self {
+    pub(crate) fn new(seed: u64, points: usize, consistency: &str, map_drift: f64) -> Self {
         let mut rng = rng(seed);
         let points = (0..points).map(|_| {
             let (angle, distance) = (
@@ -43,7 +43,7 @@ impl Pair {
                     Value::Int(if local { 0 } else { 1_000_000 }),
                 ),
                 ("estimator.consistency", name(consistency)),
-                ("process.handover", Value::Float(handover)),
+                ("process.map_drift", Value::Float(map_drift)),
             ];
             Filter::new(settings(&changes), camera(), None)
         };
@@ -138,7 +138,7 @@ impl Pair {
         }
         assert_eq!(born[0], born[1], "frame {frame}");
         for (outcome, &point) in born[0].iter().zip(&new) {
-            if let Outcome::Born(id) = outcome {
+            if let MeasurementOutcome::Born(id) = outcome {
                 self.known.insert(*id, point);
             }
         }

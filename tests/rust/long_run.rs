@@ -1,4 +1,4 @@
-//! Long runs: P stays sound in every mode, runs repeat bit for bit, and the start's scale error is claimed honestly.
+//! Long runs: P stays sound in every mode, runs repeat bit for bit, and the start's scale error is claimed consistently.
 
 use crate::scene::{DT, Scene, adopt, name, rng, settings};
 use ekf_core::math::quat;
@@ -180,7 +180,7 @@ fn mean_nees(errors: &str, runs: u64) -> f64 {
         let mut filter = scene.filter(settings(&[
             ("estimator.mode", name("mono")),
             ("worn.errors", name(errors)),
-            ("process.handover", Value::Float(0.0)),
+            ("process.map_drift", Value::Float(0.0)),
         ]));
         let mut known = BTreeMap::new();
         let mut t = 0.0;

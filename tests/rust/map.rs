@@ -2,7 +2,7 @@
 
 use crate::scene::{Warm, warm};
 use ekf_core::settings::Value;
-use ekf_core::{Bearing, DepthObservation, Measurements, Outcome};
+use ekf_core::{Bearing, DepthObservation, MeasurementOutcome, Measurements};
 
 /// A feature must be found in 40 % of its searches, once there were eight (METHOD 7).
 const MIN_SEARCHES: usize = 8;
@@ -35,7 +35,7 @@ fn is_deleted(searched: usize, found: usize) -> bool {
         ..Measurements::default()
     };
     let report = warm.filter.update(&z).expect("good measurements");
-    let Outcome::Born(id) = report.depths[0] else {
+    let MeasurementOutcome::Born(id) = report.depths[0] else {
         panic!("not born: {report:?}");
     };
     for round in 0..searched {

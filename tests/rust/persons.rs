@@ -4,17 +4,17 @@
 use crate::scene::{Warm, name, settings, warm};
 use crate::update::measure;
 use ekf_core::settings::Value;
-use ekf_core::state::{BlockKind, Whose};
-use ekf_core::{Filter, Measurements, Outcome, WornObservation};
+use ekf_core::state::{BlockKind, ErrorOwner};
+use ekf_core::{Filter, MeasurementOutcome, Measurements, WornObservation};
 
-const LASTING: [(&str, Value); 1] = [("worn.bias_share", Value::Float(0.5))];
+const TIME_CORRELATED: [(&str, Value); 1] = [("worn.bias_share", Value::Float(0.5))];
 
 fn tight(share: f64) -> Vec<(&'static str, Value)> {
     let mut all = vec![
         ("estimator.mode", name("collab-tight")),
         ("worn.common_share", Value::Float(share)),
     ];
-    all.extend(LASTING);
+    all.extend(TIME_CORRELATED);
     all
 }
 
@@ -61,7 +61,7 @@ fn each_person_tells_more_and_less_where_their_errors_are_one() {
 }
 
 #[test]
-fn each_has_its_own_lasting_error_and_the_frames_errors_go_with_it() {
+fn each_has_its_own_time_correlated_error_and_the_frames_errors_go_with_it() {
     for share in [0.0, 0.4] {
         let mut warm = warm(4, &tight(share));
         let z = frame(&mut warm, 3, false);
@@ -69,11 +69,11 @@ fn each_has_its_own_lasting_error_and_the_frames_errors_go_with_it() {
         let layout = warm.filter.state().layout();
         let has = |kind| layout.of_kind(kind).count() == 1;
         for who in 0..3 {
-            assert!(has(BlockKind::WornBias(Whose::Of(who))), "{who}");
-            assert!(!has(BlockKind::WornError(Whose::Of(who))), "{who}");
+            assert!(has(BlockKind::WornBias(ErrorOwner::Of(who))), "{who}");
+            assert!(!has(BlockKind::WornError(ErrorOwner::Of(who))), "{who}");
         }
-        assert_eq!(has(BlockKind::WornBias(Whose::Common)), share > 0.0);
-        assert!(!has(BlockKind::WornError(Whose::Common)));
+        assert_eq!(has(BlockKind::WornBias(ErrorOwner::Common)), share > 0.0);
+        assert!(!has(BlockKind::WornError(ErrorOwner::Common)));
         let again = Filter::restore(&warm.filter.snapshot()).expect("its own");
         assert_eq!(again.snapshot(), warm.filter.snapshot());
     }
@@ -101,12 +101,17 @@ fn a_new_point_of_two_views_is_one() {
     z.views = vec![first, second];
     let report = warm.filter.update(&z).expect("good measurements");
     let born: Vec<usize> = (0..report.views[0].len())
-        .filter(|&i| matches!(report.views[0][i], Outcome::Born(_)))
+        .filter(|&i| matches!(report.views[0][i], MeasurementOutcome::Born(_)))
         .collect();
     assert!(born.len() >= 5, "{:?}", report.views[0]);
-    assert!(born.iter().all(|&i| report.views[1][i] == Outcome::Pixel));
+    assert!(
+        born.iter()
+            .all(|&i| report.views[1][i] == MeasurementOutcome::Pixel)
+    );
     let again = report.views[1].iter();
-    let again = again.filter(|o| matches!(o, Outcome::Born(_))).count();
+    let again = again
+        .filter(|o| matches!(o, MeasurementOutcome::Born(_)))
+        .count();
     assert_eq!(warm.filter.map_size(), before + born.len() + again);
 }
 
@@ -123,7 +128,7 @@ fn a_view_that_would_break_the_filter_is_refused_by_itself() {
     let report = warm.filter.update(&z).expect("the others are good");
     assert!(report.accepted);
     assert!(report.views[1].iter().all(|o| !o.is_accepted()));
-    assert!(report.views[2].iter().any(Outcome::is_accepted));
+    assert!(report.views[2].iter().any(MeasurementOutcome::is_accepted));
     warm.filter.check().expect("sound");
     // Numbers that no covariance has are a mistake of the caller's, and change nothing.
     assert!(refused.is_err());

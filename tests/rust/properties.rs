@@ -4,7 +4,9 @@ use crate::reference::Reference;
 use crate::scene::{camera, name, settings};
 use ekf_core::settings::Value;
 use ekf_core::state::{Block, BlockKind};
-use ekf_core::{Bearing, CandidateOutcome, DepthObservation, Filter, Measurements, Outcome};
+use ekf_core::{
+    Bearing, CandidateOutcome, DepthObservation, Filter, MeasurementOutcome, Measurements,
+};
 use nalgebra::Vector2;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
@@ -108,7 +110,7 @@ impl Pair {
                     ..Measurements::default()
                 };
                 let report = self.filter.update(&z).unwrap();
-                if let Outcome::Born(id) = report.depths[0] {
+                if let MeasurementOutcome::Born(id) = report.depths[0] {
                     self.reference
                         .born_at_depth(id, &new.uv, new.depth, new.sigma);
                 }
@@ -164,7 +166,7 @@ impl Pair {
         }
         let report = self.filter.update(&z).unwrap();
         let pixels = z.bearings.iter().zip(&report.bearings);
-        let pixels = pixels.filter(|(_, outcome)| **outcome != Outcome::TooUncertain);
+        let pixels = pixels.filter(|(_, outcome)| **outcome != MeasurementOutcome::TooUncertain);
         let pixels: Vec<_> = pixels.map(|(b, _)| (b.id, b.uv)).collect();
         let depths: Vec<_> = z
             .depths

@@ -5,11 +5,11 @@ use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use ekf_core::observe::FeatureState;
 use ekf_core::settings::Value;
-use ekf_core::{Bearing, EkfError, Filter, KnownMap, Outcome};
+use ekf_core::{Bearing, EkfError, Filter, KnownMap, MeasurementOutcome};
 use nalgebra::{DMatrix, Matrix6, Vector2, Vector3, Vector6};
 
 /// The noise of these simulations is as the settings say: landmarks share no error.
-const WHITE: [(&str, Value); 1] = [("process.handover", Value::Float(0.0))];
+const WHITE: [(&str, Value); 1] = [("process.map_drift", Value::Float(0.0))];
 
 /// A filter that has tracked for three seconds, and a camera that is elsewhere then.
 struct Lost {
@@ -138,7 +138,7 @@ fn pixels(filter: &[(u64, Vector3<f64>)], pose: &Pose, rng: &mut rand_pcg::Pcg64
 }
 
 #[test]
-fn the_covariance_after_it_is_honest() {
+fn the_covariance_after_it_is_consistent() {
     let (mut sum, mut runs) = (0.0, 0.0);
     for seed in 0..100 {
         let (mut filter, points, truth) = drawn_map(seed);
@@ -166,7 +166,7 @@ fn the_covariance_after_it_is_honest() {
 
 /// The map of a filter that has tracked is not quite as good as it says; what rests on it is no worse.
 #[test]
-fn in_a_map_of_its_own_it_is_as_honest_as_the_map() {
+fn in_a_map_of_its_own_it_is_as_consistent_as_the_map() {
     let (mut sum, mut of_map, mut rows, mut runs) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..80 {
         let mut lost = lost(seed, &WHITE);
@@ -307,7 +307,12 @@ fn wrong_matches_leave_the_filter_as_it_was() {
         .relocalise(&lost.near, &lost.matches, None, false)
         .unwrap();
     assert!(!report.accepted);
-    assert!(report.bearings.iter().all(|o| *o == Outcome::RejectedBatch));
+    assert!(
+        report
+            .bearings
+            .iter()
+            .all(|o| *o == MeasurementOutcome::RejectedBatch)
+    );
     assert_eq!(state(&lost.warm.filter), before);
     let few = &lost.matches[..5];
     assert!(
@@ -352,7 +357,10 @@ fn some_wrong_ones_are_left_out() {
         .unwrap();
     assert!(report.accepted);
     let wrong = &report.bearings[..3];
-    assert!(wrong.iter().all(|o| *o != Outcome::Pixel), "{wrong:?}");
+    assert!(
+        wrong.iter().all(|o| *o != MeasurementOutcome::Pixel),
+        "{wrong:?}"
+    );
     assert!(error(&lost.warm.filter, &lost.truth).norm() < 0.3);
 }
 

@@ -4,7 +4,7 @@ use crate::scene::{Warm, adopt, normals, rng, warm};
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use ekf_core::settings::Value;
-use ekf_core::{EkfError, Filter, Outcome, UpdateReport, WornObservation};
+use ekf_core::{EkfError, Filter, MeasurementOutcome, UpdateReport, WornObservation};
 use nalgebra::{Matrix6, Vector2, Vector3, Vector6};
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 const BLIND: f64 = 1.0;
 /// The noise of these simulations is as the settings say, landmarks share no error; the motion is that of a slow walk.
 const CHANGES: [(&str, Value); 3] = [
-    ("process.handover", Value::Float(0.0)),
+    ("process.map_drift", Value::Float(0.0)),
     ("process.acceleration_density", Value::Float(0.3)),
     ("process.angular_acceleration_density", Value::Float(0.3)),
 ];
@@ -112,7 +112,7 @@ fn a_way_that_may_be_wrong_makes_the_new_maps_place_as_uncertain() {
 }
 
 #[test]
-fn in_the_new_map_it_moves_in_metres_and_honestly() {
+fn in_the_new_map_it_moves_in_metres_and_consistently() {
     let mut in_w = 0.0;
     let mut relative = 0.0;
     let runs = 40;
@@ -151,7 +151,11 @@ fn too_few_births_leave_the_filter_as_it_was() {
     let before = warm.filter.snapshot();
     let report = warm.filter.restart(&worn, &Vector3::zeros()).unwrap();
     assert!(!report.accepted);
-    assert!(report.views[0].iter().all(|o| *o == Outcome::Unused));
+    assert!(
+        report.views[0]
+            .iter()
+            .all(|o| *o == MeasurementOutcome::Unused)
+    );
     assert!(warm.filter.snapshot() == before);
 }
 

@@ -63,7 +63,7 @@ pub(crate) fn name(text: &str) -> Value {
 
 /// How the camera moves, from the origin at 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Way {
+pub(crate) enum Trajectory {
     /// It sways slowly.
     Swaying,
     /// It turns, and changes its speed, as one that is carried.
@@ -85,7 +85,7 @@ pub(crate) struct Scene {
     pub(crate) readout: f64,
     /// The same of Cf, which moves by 1 m/s and turns by 1 rad/s on each axis meanwhile, standard deviations drawn for each view.
     pub(crate) worn_readout: f64,
-    pub(crate) way: Way,
+    pub(crate) trajectory: Trajectory,
     /// Seconds after its stamp that a view of Cf is taken.
     pub(crate) clock: f64,
     /// Whether the camera is at rest at 0.
@@ -114,7 +114,7 @@ impl Scene {
             worn_covariance: worn_covariance(),
             readout: 0.0,
             worn_readout: 0.0,
-            way: Way::Swaying,
+            trajectory: Trajectory::Swaying,
             clock: 0.0,
             from_rest: false,
             goes_about: false,
@@ -129,8 +129,8 @@ impl Scene {
         } else {
             t
         };
-        let (turn, translation) = match self.way {
-            Way::Swaying => (
+        let (turn, translation) = match self.trajectory {
+            Trajectory::Swaying => (
                 Vector3::new(0.05 * (0.7 * t).sin(), 0.2 * (0.3 * t).sin(), 0.0),
                 Vector3::new(
                     0.6 * (0.4 * t).sin(),
@@ -138,7 +138,7 @@ impl Scene {
                     0.5 * (1.0 - (0.25 * t).cos()),
                 ),
             ),
-            Way::Lively => (
+            Trajectory::Lively => (
                 Vector3::new(0.1 * (1.7 * t).sin(), 0.25 * (0.9 * t).sin(), 0.0),
                 Vector3::new(
                     0.8 * (1.3 * t).sin(),
@@ -146,8 +146,8 @@ impl Scene {
                     0.4 * (1.0 - (0.9 * t).cos()),
                 ),
             ),
-            Way::Straight => (Vector3::zeros(), Vector3::new(0.8 * t, 0.1 * t, 0.0)),
-            Way::Round => {
+            Trajectory::Straight => (Vector3::zeros(), Vector3::new(0.8 * t, 0.1 * t, 0.0)),
+            Trajectory::Round => {
                 let angle: f64 = 0.15 * t;
                 let way = Vector3::new(-angle.sin(), 0.0, 1.0 - angle.cos());
                 (Vector3::new(0.0, angle, 0.0), way * 6.0)
@@ -283,7 +283,7 @@ pub(crate) fn adopt(
     pair_points: &[usize],
 ) {
     for (outcome, &point) in report.views.iter().flatten().zip(pair_points) {
-        if let ekf_core::Outcome::Born(id) = outcome {
+        if let ekf_core::MeasurementOutcome::Born(id) = outcome {
             known.insert(*id, point);
         }
     }

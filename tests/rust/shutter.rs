@@ -1,6 +1,6 @@
-//! A shutter that rolls: told or not, the filter is as honest as its readout is stated, and finds it where the camera turns.
+//! A shutter that rolls: told or not, the filter is as consistent as its readout is stated, and finds it where the camera turns.
 
-use crate::scene::{DT, Scene, Way, adopt, settings};
+use crate::scene::{DT, Scene, Trajectory, adopt, settings};
 use ekf_core::settings::Value;
 use ekf_core::{Bearing, CandidateOutcome, Filter, Measurements, Settings};
 use nalgebra::{Vector2, Vector6};
@@ -13,7 +13,7 @@ fn stated(readout: f64, sd: f64) -> Settings {
         ("calibration.readout", Value::Float(readout)),
         ("calibration.readout_sd", Value::Float(sd)),
         ("pixel.sigma_cs", Value::Float(0.5)),
-        ("process.handover", Value::Float(0.0)),
+        ("process.map_drift", Value::Float(0.0)),
     ])
 }
 
@@ -24,7 +24,7 @@ fn rolling(seed: u64) -> Scene {
     scene
 }
 
-/// Mean NEES of the pose of a rolling camera with Cf now and then, over four runs (6 is honest).
+/// Mean NEES of the pose of a rolling camera with Cf now and then, over four runs (expected 6).
 fn nees(readout: f64, sd: f64) -> f64 {
     (0..4).map(|seed| run(seed, readout, sd).1).sum::<f64>() / 4.0
 }
@@ -90,7 +90,7 @@ fn a_readout_that_is_told_or_uncertain_is_in_the_covariance() {
 /// By how many candidates at rest the places of a point at rest are left, and of how many, where a camera turns.
 fn left(readout: f64, sd: f64) -> (usize, usize) {
     let mut scene = rolling(0);
-    scene.way = Way::Lively;
+    scene.trajectory = Trajectory::Lively;
     let mut settings = stated(readout, sd);
     let waits = settings.set("birth.min_parallax", &Value::Float(60.0));
     waits.expect("a setting");
@@ -124,7 +124,7 @@ fn left(readout: f64, sd: f64) -> (usize, usize) {
             .collect();
         let outcomes = filter.observe_candidates(&seen).expect("they wait");
         for ((id, _), outcome) in seen.iter().zip(&outcomes) {
-            left += usize::from(matches!(outcome, CandidateOutcome::Strayed(_)));
+            left += usize::from(matches!(outcome, CandidateOutcome::OffArc(_)));
             if !outcome.waits() {
                 waiting.remove(id);
             }
@@ -154,7 +154,7 @@ fn a_predicted_pixel_is_as_uncertain_as_its_measurement() {
         told.set(key, &Value::Float(sd)).expect("a setting");
     }
     let mut scene = rolling(0);
-    scene.way = Way::Lively;
+    scene.trajectory = Trajectory::Lively;
     let mut filter = scene.filter(told);
     let mut known = BTreeMap::new();
     for frame in 0..30 {

@@ -142,7 +142,7 @@ fn is_refused(bytes: &[u8], why: &str) {
 fn spoilt_bytes_are_refused() {
     let good = a_snapshot();
     is_refused(&[], "cut short");
-    is_refused(b"something else, and long enough", "no snapshot");
+    is_refused(b"something else, and long enough", "not a snapshot");
     for cut in [10, good.len() / 2, good.len() - 1] {
         is_refused(&good[..cut], "cut short");
     }

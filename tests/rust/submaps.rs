@@ -6,7 +6,7 @@ use ekf_core::graph::{Edge, Factor, Node, PoseGraph};
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat::{self, Quat};
 use ekf_core::settings::Value;
-use ekf_core::state::{Block, BlockKind, handed_on_dim};
+use ekf_core::state::{Block, BlockKind, transferred_dim};
 use ekf_core::{EkfError, Filter};
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -37,8 +37,8 @@ fn covariance_of(filter: &Filter, f: impl Fn(&[f64]) -> DVector<f64>) -> DMatrix
     &by * state.covariance().to_dense() * by.transpose()
 }
 
-/// What a submap of the scene's filter hands on.
-const HANDED_ON: usize = handed_on_dim(3);
+/// What a submap of the scene's filter transfers.
+const TRANSFERRED: usize = transferred_dim(3);
 
 fn only(filter: &Filter, kind: BlockKind) -> Block {
     *filter.state().layout().of_kind(kind).next().unwrap()
@@ -67,20 +67,20 @@ fn the_way_since_a_submap_began_has_the_covariance_that_p_gives_it() {
     go_on(&mut warm, 12);
     let filter = &warm.filter;
     let edge = filter.since_submap().unwrap();
-    let clone = only(filter, BlockKind::Submap(HANDED_ON)).offset;
+    let clone = only(filter, BlockKind::Submap(TRANSFERRED)).offset;
     let handed = clone + 7;
     let x = filter.state().mean();
     let exact = pose_at(x, clone).inverse().compose(&pose_at(x, 0));
     assert!(exact.inverse().compose(&edge.pose).log().amax() < 1e-12);
-    assert_eq!(edge.revised.as_slice(), &x[handed..handed + HANDED_ON]);
+    assert_eq!(edge.revised.as_slice(), &x[handed..handed + TRANSFERRED]);
     let expected = covariance_of(filter, |x| {
         let pose = pose_at(x, clone).inverse().compose(&pose_at(x, 0));
         let xi = exact.inverse().compose(&pose).log();
-        let numbers = xi.iter().chain(&x[handed..handed + HANDED_ON]);
-        DVector::from_iterator(6 + HANDED_ON, numbers.copied())
+        let numbers = xi.iter().chain(&x[handed..handed + TRANSFERRED]);
+        DVector::from_iterator(6 + TRANSFERRED, numbers.copied())
     });
     near(&edge.covariance, &expected, 1e-6, "edge");
-    // The scale was learnt since: what was handed on is revised, and hangs together with the way.
+    // The scale was learnt since: what was transferred is revised, and hangs together with the way.
     assert!(edge.revised[0] != 0.0);
     assert!(expected[(2, 6)] != 0.0 && expected[(8, 8)] > 0.0);
     filter.check().unwrap();
@@ -119,15 +119,15 @@ fn landmarks_are_taken_down_as_they_stand_to_the_camera() {
     );
     // The scale is the one that the filter states.
     let scale = before.scale_sd().unwrap();
-    assert!((submap.handed_on[(0, 0)].sqrt() / scale - 1.0).abs() < 1e-9);
+    assert!((submap.transferred[(0, 0)].sqrt() / scale - 1.0).abs() < 1e-9);
     // A point that is nearer by some share is an error of the scale: they hang together.
     let (mut along, mut all) = (0.0, 0.0);
     for (i, p) in submap.points.iter().enumerate() {
-        let with = submap.with_handed_on.fixed_view::<3, 1>(3 * i, 0);
+        let with = submap.with_transferred.fixed_view::<3, 1>(3 * i, 0);
         along += p.dot(&with) / p.norm_squared();
         all += 1.0;
     }
-    let shared = along / all / submap.handed_on[(0, 0)];
+    let shared = along / all / submap.transferred[(0, 0)];
     assert!((shared - 1.0).abs() < 0.3, "{shared}");
 }
 
@@ -155,7 +155,7 @@ fn ending_submaps_changes_no_estimate() {
     let mean = without.filter.state().mean().to_vec();
     // However many have ended, the state has one beginning.
     let more = with.filter.state().mean().len() - mean.len();
-    assert_eq!(more, 7 + HANDED_ON);
+    assert_eq!(more, 7 + TRANSFERRED);
     with.filter.check().unwrap();
 }
 
@@ -175,7 +175,7 @@ fn a_chain_of_submaps_leads_where_the_filter_is_and_is_as_sure_of_the_way() {
             }
             Some(edge) => factors.push(Factor::between(k - 1, k, edge).unwrap()),
         }
-        nodes.push(Node::at(submap.pose.clone(), HANDED_ON));
+        nodes.push(Node::at(submap.pose.clone(), TRANSFERRED));
         last = Some(submap);
         warm.next_frame();
         go_on(&mut warm, 8);
@@ -183,7 +183,7 @@ fn a_chain_of_submaps_leads_where_the_filter_is_and_is_as_sure_of_the_way() {
         warm.update(false);
     }
     let last = last.unwrap();
-    factors.push(Factor::handed_on(8, &last.handed_on).unwrap());
+    factors.push(Factor::transferred(8, &last.transferred).unwrap());
     let mut graph = PoseGraph::new(nodes, factors).unwrap();
     graph.solve().unwrap();
     let marginals = graph.marginals().unwrap();
@@ -192,7 +192,7 @@ fn a_chain_of_submaps_leads_where_the_filter_is_and_is_as_sure_of_the_way() {
     let squared = off.dot(&p.cholesky().unwrap().solve(&off));
     assert!(squared < 6.0, "{squared}");
     let edge: Edge = warm.filter.since_submap().unwrap();
-    let onward = marginals.placed(8).onward(&edge).unwrap();
+    let onward = marginals.posed_node(8).onward(&edge).unwrap();
     let p = onward.covariance.fixed_view::<6, 6>(0, 0).into_owned();
     let (rotation, translation) = warm.filter.pose();
     let now = Pose {

@@ -1,37 +1,37 @@
-//! What submaps hand on of several persons' errors: honest where one tracker makes them err together, and no person left out.
+//! What submaps transfer of several persons' errors: consistent where one tracker makes them err together, and no person left out.
 
 use crate::graph::{BAND, EDGE_SD, STAYS, draw, nees};
 use crate::scene::{DT, Scene, adopt, name, rng, settings};
-use ekf_core::graph::{Edge, Factor, HandedOn, Node, PoseGraph};
+use ekf_core::graph::{Edge, Factor, Node, PoseGraph, Transferred};
 use ekf_core::math::pose::Pose;
 use ekf_core::settings::Value;
-use ekf_core::state::handed_on_dim;
+use ekf_core::state::transferred_dim;
 use ekf_core::{Filter, WornObservation};
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector6};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
 
-/// Of the variance of the lasting errors, what all persons have in common.
+/// Of the variance of the time-correlated errors, what all persons have in common.
 const SHARE: f64 = 0.3;
-/// Standard deviation of a lasting error, metres and radians.
-const LASTING_SD: [f64; 2] = [0.02, 0.01];
+/// Standard deviation of a time-correlated error, metres and radians.
+const TIME_CORRELATED_SD: [f64; 2] = [0.02, 0.01];
 
-fn lasting_sd() -> Vector6<f64> {
-    Vector6::from_fn(|i, _| LASTING_SD[i / 3])
+fn time_correlated_sd() -> Vector6<f64> {
+    Vector6::from_fn(|i, _| TIME_CORRELATED_SD[i / 3])
 }
 
-/// Lasting errors of two persons along the axes of C.
-fn lasting_errors(rng: &mut Pcg64) -> [Vector6<f64>; 2] {
+/// Time-correlated errors of two persons along the axes of C.
+fn time_correlated_errors(rng: &mut Pcg64) -> [Vector6<f64>; 2] {
     let common: Vector6<f64> = draw(rng);
     [(); 2].map(|()| {
         let own: Vector6<f64> = draw(rng);
-        lasting_sd().component_mul(&(own * (1.0 - SHARE).sqrt() + common * SHARE.sqrt()))
+        time_correlated_sd().component_mul(&(own * (1.0 - SHARE).sqrt() + common * SHARE.sqrt()))
     })
 }
 
 /// As stated: of both persons, along the axes of C.
 fn stated() -> SMatrix<f64, 12, 12> {
-    let variance = lasting_sd().map(|s| s * s);
+    let variance = time_correlated_sd().map(|s| s * s);
     SMatrix::from_fn(|i, j| match (i % 6 == j % 6, i == j) {
         (true, true) => variance[i % 6],
         (true, false) => SHARE * variance[i % 6],
@@ -61,7 +61,7 @@ impl Walk {
             scene,
             filter,
             known: BTreeMap::new(),
-            errors: lasting_errors(&mut rng(1000 + seed)),
+            errors: time_correlated_errors(&mut rng(1000 + seed)),
             frame: 0,
         }
     }
@@ -72,12 +72,12 @@ impl Walk {
         let back = view.t_cf.rotation.transpose();
         into_f.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
         into_f.fixed_view_mut::<3, 3>(3, 3).copy_from(&back);
-        let lasting = Matrix6::from_diagonal(&lasting_sd().map(|s| s * s));
+        let time_correlated = Matrix6::from_diagonal(&time_correlated_sd().map(|s| s * s));
         WornObservation {
             who,
             t_cf: view.t_cf.retract(&-(into_f * self.errors[who])),
-            covariance: view.covariance + lasting,
-            bias: Some(lasting),
+            covariance: view.covariance + time_correlated,
+            bias: Some(time_correlated),
             ..view
         }
     }
@@ -103,31 +103,31 @@ impl Walk {
     fn end_submap(&mut self) -> (Option<Edge>, DMatrix<f64>) {
         let seen: Vec<u64> = self.known.keys().copied().collect();
         let ended = self.filter.end_submap(&seen).unwrap();
-        (ended.edge, ended.handed_on)
+        (ended.edge, ended.transferred)
     }
 }
 
 #[test]
-fn what_lasts_of_each_persons_error_is_handed_on_with_what_they_have_in_common() {
+fn what_lasts_of_each_persons_error_is_transferred_with_what_they_have_in_common() {
     let mut walk = Walk::new(3);
     for _ in 0..10 {
         walk.step();
     }
     // Each error is as uncertain as it was stated less what its views have told. A third person was never seen.
-    let (none, handed_on) = walk.end_submap();
+    let (none, transferred) = walk.end_submap();
     assert!(none.is_none());
-    assert_eq!(handed_on.nrows(), handed_on_dim(3));
-    let first = handed_on.fixed_view::<12, 12>(1, 1).into_owned();
+    assert_eq!(transferred.nrows(), transferred_dim(3));
+    let first = transferred.fixed_view::<12, 12>(1, 1).into_owned();
     assert_less(&first, &stated());
-    assert_eq!(handed_on.rows(13, 6).amax(), 0.0);
+    assert_eq!(transferred.rows(13, 6).amax(), 0.0);
     for _ in 0..10 {
         walk.step();
     }
     let (edge, after) = walk.end_submap();
     let p = edge.unwrap().covariance;
-    assert_eq!(p.nrows(), 6 + 2 * handed_on_dim(3));
-    // Views teach something of what was handed on, the way hangs together with it, and it is the same person's at the end.
-    let (begin, end) = (7, 7 + handed_on_dim(3));
+    assert_eq!(p.nrows(), 6 + 2 * transferred_dim(3));
+    // Views teach something of what was transferred, the way hangs together with it, and it is the same person's at the end.
+    let (begin, end) = (7, 7 + transferred_dim(3));
     for person in [0, 6] {
         let learnt = p[(begin + person, begin + person)] / stated()[(person, person)];
         assert!((0.01..0.99).contains(&learnt), "{person}: {learnt}");
@@ -152,17 +152,17 @@ fn assert_less(now: &SMatrix<f64, 12, 12>, before: &SMatrix<f64, 12, 12>) {
 fn edges(truth: &[Pose], by: &SMatrix<f64, 6, 12>, rng: &mut Pcg64) -> Vec<Edge> {
     let root = stated().cholesky().unwrap().l();
     let mut errors = root * draw::<12>(rng);
-    let handed_on = handed_on_dim(2);
+    let transferred = transferred_dim(2);
     let make = |pair: &[Pose]| {
         let noise = Vector6::from(EDGE_SD).component_mul(&draw::<6>(rng));
         let exact = pair[0].inverse().compose(&pair[1]);
         // The truth is what was measured with its error appended.
         let pose = exact.compose(&Pose::exp(&(noise + by * errors)).inverse());
         errors = errors * STAYS + root * draw::<12>(rng) * (1.0 - STAYS * STAYS).sqrt();
-        let mut grow = DMatrix::zeros(6 + 2 * handed_on, 24);
+        let mut grow = DMatrix::zeros(6 + 2 * transferred, 24);
         grow.view_mut((0, 0), (6, 12)).copy_from(by);
         grow.view_mut((7, 0), (12, 12)).fill_with_identity();
-        grow.view_mut((7 + handed_on, 12), (12, 12))
+        grow.view_mut((7 + transferred, 12), (12, 12))
             .fill_with_identity();
         let mut joint = DMatrix::zeros(24, 24);
         for (i, j, stays) in [(0, 0, 1.0), (12, 12, 1.0), (0, 12, STAYS), (12, 0, STAYS)] {
@@ -175,7 +175,7 @@ fn edges(truth: &[Pose], by: &SMatrix<f64, 6, 12>, rng: &mut Pcg64) -> Vec<Edge>
         }
         Edge {
             pose,
-            revised: DVector::zeros(handed_on),
+            revised: DVector::zeros(transferred),
             covariance,
         }
     };
@@ -196,17 +196,17 @@ fn chains(change: impl Fn(&mut Edge)) -> [f64; 3] {
     for seed in 0..draws {
         let mut edges = edges(&truth, &by, &mut rng(seed));
         edges.iter_mut().for_each(&change);
-        let handed_on = edges[0].revised.len();
-        let first = Node::at(truth[0].clone(), handed_on);
+        let transferred = edges[0].revised.len();
+        let first = Node::at(truth[0].clone(), transferred);
         let fixed = Factor::pose(None, 0, &first.pose, &Matrix6::zeros()).unwrap();
         let (mut nodes, mut factors) = (vec![first], vec![fixed]);
         for (k, edge) in edges.iter().enumerate() {
             factors.push(Factor::between(k, k + 1, edge).unwrap());
-            nodes.push(Node::at(nodes[k].pose.compose(&edge.pose), handed_on));
+            nodes.push(Node::at(nodes[k].pose.compose(&edge.pose), transferred));
         }
-        let n = 6 + handed_on;
-        let last = edges[0].covariance.view((n, n), (handed_on, handed_on));
-        factors.push(Factor::handed_on(truth.len() - 1, &last.into_owned()).unwrap());
+        let n = 6 + transferred;
+        let last = edges[0].covariance.view((n, n), (transferred, transferred));
+        factors.push(Factor::transferred(truth.len() - 1, &last.into_owned()).unwrap());
         let mut graph = PoseGraph::new(nodes, factors).unwrap();
         graph.solve().unwrap();
         let marginals = graph.marginals().unwrap();
@@ -222,19 +222,24 @@ fn chains(change: impl Fn(&mut Edge)) -> [f64; 3] {
 
 #[test]
 fn a_chain_carries_each_persons_error_over() {
-    let honest = chains(|_| {});
-    assert!(honest.iter().all(|n| BAND.contains(n)), "{honest:?}");
+    let consistent = chains(|_| {});
+    assert!(
+        consistent.iter().all(|n| BAND.contains(n)),
+        "{consistent:?}"
+    );
     // With the first person's alone, each submap draws the second's anew.
     let first_alone = chains(|edge| {
-        let kept = handed_on_dim(1);
-        let of_both = handed_on_dim(2);
+        let kept = transferred_dim(1);
+        let of_both = transferred_dim(2);
         let keep: Vec<usize> = (0..6 + kept)
             .chain(6 + of_both..6 + of_both + kept)
             .collect();
         let p = &edge.covariance;
         edge.covariance = DMatrix::from_fn(keep.len(), keep.len(), |i, j| p[(keep[i], keep[j])]);
-        edge.revised = HandedOn::zeros(kept);
+        edge.revised = Transferred::zeros(kept);
     });
-    println!("NEES of chains: both handed on {honest:.1?}, the first alone {first_alone:.1?}");
+    println!(
+        "NEES of chains: both transferred {consistent:.1?}, the first alone {first_alone:.1?}"
+    );
     assert!(first_alone.iter().all(|n| *n > 10.0), "{first_alone:?}");
 }

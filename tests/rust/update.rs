@@ -4,9 +4,10 @@ use crate::scene::{DT, Scene, Warm, name, settings, warm};
 use ekf_core::birth::two_view::TwoView;
 use ekf_core::observe::{PointInCamera, Rows, WornView};
 use ekf_core::settings::Value;
-use ekf_core::state::{BlockKind, Whose};
+use ekf_core::state::{BlockKind, ErrorOwner};
 use ekf_core::{
-    DepthObservation, EkfError, Filter, Measurements, Outcome, UpdateReport, WornObservation,
+    DepthObservation, EkfError, Filter, MeasurementOutcome, Measurements, UpdateReport,
+    WornObservation,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector4, Vector6};
 use std::collections::BTreeMap;
@@ -60,7 +61,7 @@ impl Dense {
         };
         // The frame's error is the bias, if there is one, plus white noise; the camera's motion during the readout follows.
         let mut grow = DMatrix::<f64>::identity(n + 12, n);
-        let bias = find(BlockKind::WornBias(Whose::Of(0)));
+        let bias = find(BlockKind::WornBias(ErrorOwner::Of(0)));
         if let Some(bias) = bias {
             for i in 0..6 {
                 for k in 0..3 {
@@ -235,14 +236,14 @@ pub(crate) fn units(
     };
     let mut units = Vec::new();
     for (bearing, outcome) in z.bearings.iter().zip(&report.bearings) {
-        if *outcome == Outcome::Pixel {
+        if *outcome == MeasurementOutcome::Pixel {
             let (y, offset) = feature(bearing.id);
             let rows = Rows::bearing(camera, &pose, &y, &bearing.uv, pixel.sigma_cs, None);
             units.push((rows.expect("visible"), offset, dense.calibration));
         }
     }
     for (depth, outcome) in z.depths.iter().zip(&report.depths) {
-        assert_eq!(*outcome, Outcome::Depth);
+        assert_eq!(*outcome, MeasurementOutcome::Depth);
         let (y, offset) = feature(depth.id.expect("known"));
         let (point, noise) = point_at_depth(&warm.scene, depth, pixel.sigma_cs);
         let rows = Rows::depth(&pose, &y, &point, &noise, None);
@@ -255,7 +256,7 @@ pub(crate) fn units(
     for (pair, outcome) in worn.pairs.iter().zip(&report.views[0]) {
         let (y, offset) = feature(pair.id.expect("known"));
         let rows = match outcome {
-            Outcome::Pixel => {
+            MeasurementOutcome::Pixel => {
                 let view = WornView {
                     camera,
                     measured: worn.t_cf.clone(),
@@ -263,7 +264,7 @@ pub(crate) fn units(
                 };
                 Rows::worn_pixel(&view, &pose, &y, &pair.uv_f, pixel.sigma_cf)
             }
-            Outcome::Depth => {
+            MeasurementOutcome::Depth => {
                 let predicted = PointInCamera::metric(&pose, &y).expect("rho > 0").value;
                 let t_cf = worn.t_cf.retract(&error);
                 let uv = pair.uv.expect("seen by both");
@@ -348,11 +349,11 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
     let units = match before
         .state()
         .layout()
-        .of_kind(BlockKind::WornBias(Whose::Of(0)))
+        .of_kind(BlockKind::WornBias(ErrorOwner::Of(0)))
         .next()
     {
         // Only the tight form measures pixels of Cf.
-        Some(_) if count(&report.views.concat(), Outcome::Depth) == 0 => {
+        Some(_) if count(&report.views.concat(), MeasurementOutcome::Depth) == 0 => {
             told(&warm, &before, &dense, &z, &report, &units)
         }
         _ => units,
@@ -363,25 +364,25 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
     report
 }
 
-fn count(outcomes: &[Outcome], wanted: Outcome) -> usize {
+fn count(outcomes: &[MeasurementOutcome], wanted: MeasurementOutcome) -> usize {
     outcomes.iter().filter(|o| **o == wanted).count()
 }
 
 #[test]
 fn bearings_agree_with_a_dense_filter() {
     let report = against_dense(1, &[], false, false);
-    assert!(count(&report.bearings, Outcome::Pixel) >= 8);
+    assert!(count(&report.bearings, MeasurementOutcome::Pixel) >= 8);
 }
 
 #[test]
 fn depths_agree_with_a_dense_filter() {
     let report = against_dense(2, &[], false, true);
-    assert!(count(&report.depths, Outcome::Depth) >= 3);
+    assert!(count(&report.depths, MeasurementOutcome::Depth) >= 3);
     assert_eq!(
-        count(&report.bearings, Outcome::Replaced),
+        count(&report.bearings, MeasurementOutcome::Replaced),
         report.depths.len()
     );
-    assert!(count(&report.bearings, Outcome::Pixel) >= 5);
+    assert!(count(&report.bearings, MeasurementOutcome::Pixel) >= 5);
 }
 
 #[test]
@@ -395,8 +396,14 @@ fn worn_points_agree_with_a_dense_filter() {
         let mut changes = vec![("estimator.mode", name("collab"))];
         changes.extend_from_slice(more);
         let report = against_dense(3, &changes, true, false);
-        assert!(count(&report.views[0], Outcome::Depth) >= 3, "{report:?}");
-        assert!(count(&report.bearings, Outcome::Pixel) >= 1, "{report:?}");
+        assert!(
+            count(&report.views[0], MeasurementOutcome::Depth) >= 3,
+            "{report:?}"
+        );
+        assert!(
+            count(&report.bearings, MeasurementOutcome::Pixel) >= 1,
+            "{report:?}"
+        );
     }
 }
 
@@ -408,9 +415,12 @@ fn worn_pixels_agree_with_a_dense_filter() {
             ("worn.readout", Value::Float(readout)),
         ];
         let report = against_dense(4, &changes, true, false);
-        assert!(count(&report.views[0], Outcome::Pixel) >= 5, "{report:?}");
+        assert!(
+            count(&report.views[0], MeasurementOutcome::Pixel) >= 5,
+            "{report:?}"
+        );
         assert_eq!(
-            count(&report.bearings, Outcome::Pixel),
+            count(&report.bearings, MeasurementOutcome::Pixel),
             report.bearings.len()
         );
     }
@@ -496,7 +506,7 @@ fn a_view_says_which_part_of_its_covariance_lasts() {
         let state = warm.filter.state();
         let block = state
             .layout()
-            .of_kind(BlockKind::WornBias(Whose::Of(0)))
+            .of_kind(BlockKind::WornBias(ErrorOwner::Of(0)))
             .next()
             .copied();
         (
@@ -653,15 +663,19 @@ fn every_test_rejects_an_outlier() {
         let wrong = 3;
         z.bearings[wrong].uv.x += pixels;
         let report = warm.filter.update(&z).expect("good measurements");
-        let accepted = count(&report.bearings, Outcome::Pixel);
+        let accepted = count(&report.bearings, MeasurementOutcome::Pixel);
         if test == "none" {
-            assert_eq!(report.bearings[wrong], Outcome::Pixel);
+            assert_eq!(report.bearings[wrong], MeasurementOutcome::Pixel);
             assert_eq!(accepted, z.bearings.len());
             continue;
         }
-        assert_eq!(report.bearings[wrong], Outcome::RejectedBatch, "{test}");
+        assert_eq!(
+            report.bearings[wrong],
+            MeasurementOutcome::RejectedBatch,
+            "{test}"
+        );
         assert!(accepted + 3 >= z.bearings.len(), "{test}: {report:?}");
-        let rejected = count(&report.bearings, Outcome::RejectedBatch);
+        let rejected = count(&report.bearings, MeasurementOutcome::RejectedBatch);
         assert_eq!(report.order, rejected, "{test}");
         let mask: Vec<bool> = report.inliers().collect();
         assert_eq!(mask.len(), z.bearings.len());
@@ -678,9 +692,9 @@ fn a_wrong_worn_pair_falls_back_to_its_bearing() {
         let mut untouched = warm.filter.clone();
         let report = untouched.update(&z).expect("good measurements");
         let used = if mode == "collab" {
-            Outcome::Depth
+            MeasurementOutcome::Depth
         } else {
-            Outcome::Pixel
+            MeasurementOutcome::Pixel
         };
         let i = report.views[0]
             .iter()
@@ -694,7 +708,7 @@ fn a_wrong_worn_pair_falls_back_to_its_bearing() {
         assert!(
             matches!(
                 report.views[0][i],
-                Outcome::RejectedGate | Outcome::RejectedBatch
+                MeasurementOutcome::RejectedGate | MeasurementOutcome::RejectedBatch
             ),
             "{mode}: {:?}",
             report.views[0][i]
@@ -704,7 +718,11 @@ fn a_wrong_worn_pair_falls_back_to_its_bearing() {
             .iter()
             .position(|b| Some(b.id) == id)
             .expect("seen");
-        assert_eq!(report.bearings[bearing], Outcome::Pixel, "{mode}");
+        assert_eq!(
+            report.bearings[bearing],
+            MeasurementOutcome::Pixel,
+            "{mode}"
+        );
         assert!(count(&report.views[0], used) >= 2, "{mode}: {report:?}");
     }
 }
@@ -712,8 +730,8 @@ fn a_wrong_worn_pair_falls_back_to_its_bearing() {
 #[test]
 fn a_feature_that_cf_alone_sees_is_measured_in_the_tight_form_alone() {
     for (mode, outcome) in [
-        ("collab", Outcome::NotVisible),
-        ("collab-tight", Outcome::Pixel),
+        ("collab", MeasurementOutcome::NotVisible),
+        ("collab-tight", MeasurementOutcome::Pixel),
     ] {
         let mut warm = with_clone(3, &[("estimator.mode", name(mode))]);
         let mut z = measure(&mut warm, true);
@@ -731,7 +749,7 @@ fn a_feature_that_cf_alone_sees_is_measured_in_the_tight_form_alone() {
         let report = warm.filter.update(&z).expect("good measurements");
         assert_eq!(count(&report.views[0], outcome), 8, "{mode}: {report:?}");
         let [alone, more] = [&without, &warm.filter].map(|f| f.pose_covariance().trace());
-        assert_eq!(more < alone, outcome == Outcome::Pixel, "{mode}");
+        assert_eq!(more < alone, outcome == MeasurementOutcome::Pixel, "{mode}");
         warm.filter.check().expect("sound");
     }
 }
@@ -798,5 +816,10 @@ fn the_worn_error_stays_for_one_frame_only() {
     assert!(report.worn_error.norm() > 0.0);
     assert_eq!(warm.filter.state().mean().len(), dim);
     let kinds = warm.filter.state().layout();
-    assert_eq!(kinds.of_kind(BlockKind::WornError(Whose::Of(0))).count(), 0);
+    assert_eq!(
+        kinds
+            .of_kind(BlockKind::WornError(ErrorOwner::Of(0)))
+            .count(),
+        0
+    );
 }

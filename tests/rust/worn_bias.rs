@@ -1,11 +1,11 @@
-//! The lasting part of T_CF's error (METHOD 6): between two overlaps it is forgotten, and is as large as before; views tell it,
+//! The time-correlated part of T_CF's error (METHOD 6): between two overlaps it is forgotten, and is as large as before; views tell it,
 //! but for the length of the baseline, which is left alone and leaves the scale alone.
 
 use crate::scene::{DT, Scene, adopt, name, normals, rng, settings, worn_covariance};
 use crate::update::{measure, with_clone};
 use ekf_core::Filter;
 use ekf_core::settings::Value;
-use ekf_core::state::{BlockKind, Whose};
+use ekf_core::state::{BlockKind, ErrorOwner};
 use nalgebra::{DMatrix, Matrix6, SMatrix, Vector6};
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ fn of_bias(filter: &Filter) -> (SMatrix<f64, 6, 6>, DMatrix<f64>) {
     let state = filter.state();
     let block = state
         .layout()
-        .of_kind(BlockKind::WornBias(Whose::Of(0)))
+        .of_kind(BlockKind::WornBias(ErrorOwner::Of(0)))
         .next()
         .copied();
     let at = block.expect("a bias").offset;
@@ -26,7 +26,7 @@ fn of_bias(filter: &Filter) -> (SMatrix<f64, 6, 6>, DMatrix<f64>) {
 
 fn mean_of_bias(filter: &Filter) -> Vector6<f64> {
     let state = filter.state();
-    let kind = BlockKind::WornBias(Whose::Of(0));
+    let kind = BlockKind::WornBias(ErrorOwner::Of(0));
     let block = state.layout().of_kind(kind).next().expect("a bias");
     state.part::<6>(block.offset)
 }
@@ -77,7 +77,7 @@ fn what_decays_of_the_bias_is_replaced_by_fresh_noise() {
 struct End {
     /// Logarithm of the way's length over the true one.
     scale: f64,
-    /// Estimated lasting error less the true one, in what was stated, and its squared Mahalanobis distance.
+    /// Estimated time-correlated error less the true one, in what was stated, and its squared Mahalanobis distance.
     left: f64,
     distance: f64,
 }
@@ -90,7 +90,7 @@ fn way(seed: u64, share: f64, goes_about: bool) -> End {
     let (shift, turn) = (0.03, 1.0_f64.to_radians());
     let sds = Vector6::new(shift, shift, shift, turn, turn, turn);
     let stated = Matrix6::from_diagonal(&sds.component_mul(&sds));
-    let lasting = sds.component_mul(&normals::<6>(&mut rng(seed + 1000))) * share;
+    let time_correlated = sds.component_mul(&normals::<6>(&mut rng(seed + 1000))) * share;
     let mut filter = scene.filter(settings(&[("worn.bias_time", Value::Float(1e5))]));
     let mut known = BTreeMap::new();
     let mut t = 0.0;
@@ -102,7 +102,7 @@ fn way(seed: u64, share: f64, goes_about: bool) -> End {
         let into_f = worn.t_cf.rotation.transpose();
         let mut error = Vector6::zeros();
         for at in [0, 3] {
-            let along_f = into_f * lasting.fixed_rows::<3>(at);
+            let along_f = into_f * time_correlated.fixed_rows::<3>(at);
             error.fixed_rows_mut::<3>(at).copy_from(&along_f);
         }
         worn.t_cf = worn.t_cf.retract(&-error);
@@ -116,7 +116,7 @@ fn way(seed: u64, share: f64, goes_about: bool) -> End {
     }
     filter.check().expect("sound");
     let (p, _) = of_bias(&filter);
-    let left = mean_of_bias(&filter) - lasting;
+    let left = mean_of_bias(&filter) - time_correlated;
     End {
         scale: (filter.pose().1.norm() / scene.pose(t).translation.norm()).ln(),
         left: left.component_div(&sds).norm() / 6.0_f64.sqrt(),

@@ -1,9 +1,9 @@
 //! The worn camera's clock (METHOD 21, 26): found where Cs changes its motion, left alone where it does not, and kept whatever
 //! happens to the map.
 
-use crate::scene::{DT, Scene, Way, adopt, normals, rng, settings, worn_covariance};
+use crate::scene::{DT, Scene, Trajectory, adopt, normals, rng, settings, worn_covariance};
 use ekf_core::settings::Value;
-use ekf_core::state::{BlockKind, handed_on_dim};
+use ekf_core::state::{BlockKind, transferred_dim};
 use ekf_core::{Capture, Filter, Measurements, WornObservation};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rand::Rng;
@@ -18,7 +18,7 @@ const LATE: f64 = 0.07;
 #[derive(Clone)]
 struct Draw {
     scene: Scene,
-    lasting: Vector6<f64>,
+    time_correlated: Vector6<f64>,
     stated: Option<Matrix6<f64>>,
     filter: Filter,
     known: BTreeMap<u64, usize>,
@@ -26,13 +26,13 @@ struct Draw {
 }
 
 impl Draw {
-    fn new(seed: u64, way: Way, clock: f64) -> Self {
-        Self::with(seed, way, clock, &[])
+    fn new(seed: u64, trajectory: Trajectory, clock: f64) -> Self {
+        Self::with(seed, trajectory, clock, &[])
     }
 
-    fn with(seed: u64, way: Way, clock: f64, changes: &[(&str, Value)]) -> Self {
+    fn with(seed: u64, trajectory: Trajectory, clock: f64, changes: &[(&str, Value)]) -> Self {
         let mut scene = Scene::new(seed, 40);
-        if way == Way::Straight {
+        if trajectory == Trajectory::Straight {
             let mut rng = rng(seed + 2000);
             let more = (0..80).map(|_| {
                 Vector3::new(
@@ -43,8 +43,8 @@ impl Draw {
             });
             scene.points.extend(more);
         }
-        scene.way = way;
-        scene.goes_about = way == Way::Lively;
+        scene.trajectory = trajectory;
+        scene.goes_about = trajectory == Trajectory::Lively;
         scene.clock = clock - LATE;
         scene.worn_covariance = worn_covariance() * 0.1;
         let (shift, turn) = (0.03, 1.0_f64.to_radians());
@@ -57,7 +57,7 @@ impl Draw {
             told.set(key, value).expect("valid setting");
         }
         Self {
-            lasting: sds.component_mul(&normals::<6>(&mut rng(seed + 1000))),
+            time_correlated: sds.component_mul(&normals::<6>(&mut rng(seed + 1000))),
             stated: Some(Matrix6::from_diagonal(&sds.component_mul(&sds))),
             filter: scene.filter(told),
             scene,
@@ -68,7 +68,7 @@ impl Draw {
 
     /// As drawn, without an error that lasts, and none stated.
     fn with_exact_poses(mut self) -> Self {
-        self.lasting = Vector6::zeros();
+        self.time_correlated = Vector6::zeros();
         self.stated = None;
         self
     }
@@ -84,7 +84,7 @@ impl Draw {
         let into_f = worn.t_cf.rotation.transpose();
         let mut error = Vector6::zeros();
         for at in [0, 3] {
-            let along_f = into_f * self.lasting.fixed_rows::<3>(at);
+            let along_f = into_f * self.time_correlated.fixed_rows::<3>(at);
             error.fixed_rows_mut::<3>(at).copy_from(&along_f);
         }
         worn.t_cf = worn.t_cf.retract(&-error);
@@ -147,28 +147,28 @@ fn are_found(draw: impl Fn(u64) -> Draw) {
 
 #[test]
 fn it_is_found_on_a_lively_way_as_well_as_is_claimed() {
-    are_found(|seed| Draw::new(seed, Way::Lively, off(seed)));
+    are_found(|seed| Draw::new(seed, Trajectory::Lively, off(seed)));
 }
 
 #[test]
 fn it_is_found_where_nothing_else_lasts() {
-    are_found(|seed| Draw::new(seed, Way::Lively, off(seed)).with_exact_poses());
+    are_found(|seed| Draw::new(seed, Trajectory::Lively, off(seed)).with_exact_poses());
 }
 
 #[test]
 fn it_is_left_alone_where_motion_does_not_tell_it() {
-    for way in [Way::Straight, Way::Round] {
+    for trajectory in [Trajectory::Straight, Trajectory::Round] {
         for seed in 0..4 {
-            let (mean, sd) = Draw::new(seed, way, off(seed)).run(80).clock();
-            assert!(mean.abs() < 0.1 * SD, "{way:?}, {seed}: {mean}");
-            assert!(sd > 0.9 * SD, "{way:?}, {seed}: {sd}");
+            let (mean, sd) = Draw::new(seed, trajectory, off(seed)).run(80).clock();
+            assert!(mean.abs() < 0.1 * SD, "{trajectory:?}, {seed}: {mean}");
+            assert!(sd > 0.9 * SD, "{trajectory:?}, {seed}: {sd}");
         }
     }
 }
 
 #[test]
 fn it_is_each_cameras_own_and_there_only_where_it_is_uncertain() {
-    let draw = Draw::new(1, Way::Lively, off(1)).run(70);
+    let draw = Draw::new(1, Trajectory::Lively, off(1)).run(70);
     assert!(draw.clock().1 < 0.5 * SD);
     assert_eq!(draw.filter.worn_clock(1), Some((0.0, SD)));
     assert_eq!(draw.filter.worn_clock(3), None);
@@ -178,7 +178,7 @@ fn it_is_each_cameras_own_and_there_only_where_it_is_uncertain() {
 
 #[test]
 fn a_snapshot_a_checkpoint_and_a_local_update_keep_it() {
-    let mut draw = Draw::new(3, Way::Lively, off(3)).run(25);
+    let mut draw = Draw::new(3, Trajectory::Lively, off(3)).run(25);
     let mut restored = draw.clone();
     restored.filter = Filter::restore(&draw.filter.snapshot()).expect("its own");
     draw.filter.checkpoint();
@@ -193,7 +193,7 @@ fn a_snapshot_a_checkpoint_and_a_local_update_keep_it() {
     let by = |from| {
         Draw::with(
             3,
-            Way::Lively,
+            Trajectory::Lively,
             off(3),
             &[("map.local_from", Value::Int(from))],
         )
@@ -204,7 +204,7 @@ fn a_snapshot_a_checkpoint_and_a_local_update_keep_it() {
 
 #[test]
 fn a_new_map_begins_with_what_is_known_of_it() {
-    let mut draw = Draw::new(4, Way::Lively, off(4)).run(60);
+    let mut draw = Draw::new(4, Trajectory::Lively, off(4)).run(60);
     let known = draw.clock();
     assert!(known.1 < 0.5 * SD);
     let (_, map) = draw.filter.known_map();
@@ -238,13 +238,13 @@ fn a_new_map_begins_with_what_is_known_of_it() {
 
 #[test]
 fn a_submap_hands_on_what_it_does_in_all_views_alike() {
-    let mut draw = Draw::new(2, Way::Straight, off(2)).run(20);
+    let mut draw = Draw::new(2, Trajectory::Straight, off(2)).run(20);
     let seen: Vec<u64> = draw.known.keys().copied().collect();
-    let handed_on = draw.filter.end_submap(&seen).expect("known").handed_on;
-    assert_eq!(handed_on.nrows(), handed_on_dim(3));
+    let transferred = draw.filter.end_submap(&seen).expect("known").transferred;
+    assert_eq!(transferred.nrows(), transferred_dim(3));
     let state = draw.filter.state();
     let find = |kind| state.layout().of_kind(kind).next().expect("there").offset;
-    let bias = find(BlockKind::WornBias(ekf_core::state::Whose::Of(0)));
+    let bias = find(BlockKind::WornBias(ekf_core::state::ErrorOwner::Of(0)));
     let clock = find(BlockKind::WornClock(0));
     let p = state.covariance();
     // Along the way it is the shift and the way in the clock's error together.
@@ -253,7 +253,7 @@ fn a_submap_hands_on_what_it_does_in_all_views_alike() {
         let expected = p.get(bias + i, bias + i)
             + 2.0 * v[i] * p.get(bias + i, clock)
             + v[i] * v[i] * p.get(clock, clock);
-        let off = handed_on[(1 + i, 1 + i)] / expected - 1.0;
+        let off = transferred[(1 + i, 1 + i)] / expected - 1.0;
         assert!(off.abs() < 0.2, "{i}: {off}");
     }
 }

@@ -1,6 +1,6 @@
 //! The shutter of Cf rolls while its wearer turns (METHOD 6): rows that see another T_CF do not spoil the camera's covariance.
 
-use crate::scene::{DT, Scene, Way, adopt, settings, worn_covariance};
+use crate::scene::{DT, Scene, Trajectory, adopt, settings, worn_covariance};
 use ekf_core::math::quat;
 use ekf_core::settings::Value;
 use nalgebra::Vector6;
@@ -9,13 +9,13 @@ use std::collections::BTreeMap;
 /// T_CF is known to 1 cm and a sixth of a degree. NEES of the camera's pose after three seconds with a view in every other frame, six is ideal; the readout is `told`, seconds.
 fn nees(seed: u64, told: f64) -> f64 {
     let mut scene = Scene::new(seed, 40);
-    scene.way = Way::Lively;
+    scene.trajectory = Trajectory::Lively;
     scene.worn_readout = 0.02;
     scene.worn_covariance = worn_covariance() * 0.1;
     let changes = [
         ("worn.readout", Value::Float(told)),
         // All other errors are those of pixels.
-        ("process.handover", Value::Float(0.0)),
+        ("process.map_drift", Value::Float(0.0)),
     ];
     let mut filter = scene.filter(settings(&changes));
     let mut known = BTreeMap::new();
@@ -38,7 +38,7 @@ fn nees(seed: u64, told: f64) -> f64 {
 }
 
 #[test]
-fn a_wearer_who_turns_leaves_the_covariance_honest() {
+fn a_wearer_who_turns_leaves_the_covariance_consistent() {
     let runs = 24;
     let mean = |told| (0..runs).map(|seed| nees(seed, told)).sum::<f64>() / runs as f64;
     let (told, ignored) = (mean(0.02), mean(0.0));

@@ -43,7 +43,7 @@ pub enum EkfError {
         /// What is wrong.
         why: String,
     },
-    /// Bytes that are no snapshot of a filter.
+    /// Bytes that are not a snapshot of a filter.
     #[error("the snapshot cannot be used: {why}")]
     BadSnapshot {
         /// What is wrong with it.

@@ -34,7 +34,7 @@ pub(crate) struct Surroundings {
 
 /// The camera's turn between the two images, a rotation vector along its axes, radians.
 #[derive(Clone, Debug)]
-pub(crate) struct Seen {
+pub(crate) struct ImageTurn {
     pub(crate) turn: Vector3<f64>,
     pub(crate) covariance: Matrix3<f64>,
     /// Which of the points agree with it.
@@ -58,7 +58,7 @@ impl Row {
 }
 
 /// The turn between two images in which points were seen along `pairs`; `None` where too few agree.
-pub(crate) fn seen_turn(pairs: &[Pair], around: &Surroundings) -> Option<Seen> {
+pub(crate) fn seen_turn(pairs: &[Pair], around: &Surroundings) -> Option<ImageTurn> {
     if pairs.len() < MIN_POINTS {
         return None;
     }
@@ -82,7 +82,7 @@ pub(crate) fn seen_turn(pairs: &[Pair], around: &Surroundings) -> Option<Seen> {
     let (information, _) = joined(&rows, &prior, &guess);
     let covariance = information.try_inverse()?;
     let covariance = covariance.fixed_view::<3, 3>(TURN, TURN).into_owned();
-    Some(Seen {
+    Some(ImageTurn {
         turn: quat::rotation_log(&guess.rotation),
         covariance: (covariance + covariance.transpose()) * 0.5,
         agreeing,

@@ -64,7 +64,7 @@ impl Imu {
             });
         }
         if t.abs() > guard::LAST_TIME {
-            let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
+            let why = format!("{t} s is not a time stamp in seconds; are these nanoseconds?");
             let what = "time of the gyroscope";
             return Err(EkfError::InvalidInput { what, why });
         }
@@ -141,7 +141,8 @@ pub(crate) fn check_mount(r_ci: &Matrix3<f64>) -> Result<(), EkfError> {
     if crate::math::quat::is_rotation(r_ci, 1e-6) {
         return Ok(());
     }
-    let why = "it is no rotation matrix; its columns are the axes of the IMU as C sees them".into();
+    let why =
+        "it is not a rotation matrix; its columns are the axes of the IMU as C sees them".into();
     Err(EkfError::InvalidInput { what, why })
 }
 

@@ -28,27 +28,27 @@ mod gyroscope;
 mod imu;
 mod kernel;
 mod local;
-pub mod look;
+mod map_frame;
 pub mod math;
-mod misfit;
+mod nis_accumulator;
 pub mod observe;
 mod odometry;
 pub mod overlap;
 pub mod performance;
-mod placed;
 pub mod predict;
 mod scale;
 pub mod settings;
-pub mod sight;
 pub mod state;
+pub mod submap_pnp;
 pub mod validate;
+pub mod view_planning;
 
 pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{
-    Bearing, CandidateOutcome, Capture, ConditionalPrediction, DepthObservation, Filter, KnownMap,
-    Landmark, MOST_KEPT_POSES, Measurements, Outcome, PredictedFeature, Submap, TOLD_INFORMATION,
-    ToldByFound, UNKNOWN_SPEED, UNKNOWN_TURN, UpdateReport, ViewTiming, WornObservation, WornPair,
-    WornPose,
+    Bearing, CandidateOutcome, Capture, ConditionalPrediction, ConditioningSet, DepthObservation,
+    Filter, KnownMap, Landmark, MOST_KEPT_POSES, MeasurementOutcome, Measurements,
+    PredictedFeature, Submap, TOLD_INFORMATION, UNKNOWN_SPEED, UNKNOWN_TURN, UpdateReport,
+    ViewTiming, WornObservation, WornPair, WornPose,
 };
 pub use settings::Settings;

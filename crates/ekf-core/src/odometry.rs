@@ -79,7 +79,7 @@ impl Odometry {
             });
         }
         if t.abs() > guard::LAST_TIME {
-            let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
+            let why = format!("{t} s is not a time stamp in seconds; are these nanoseconds?");
             let what = "time of the odometry";
             return Err(EkfError::InvalidInput { what, why });
         }

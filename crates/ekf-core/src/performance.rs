@@ -67,7 +67,7 @@
 //! it and the plain filter. Which features outside may be in view is told from points of up to 32 frames ago, with a
 //! margin: after a gross jump one may be predicted some frames late. The gauge transport works with it, as it moves
 //! only what follows the view. When too many auxiliary rows have accumulated, every 70 frames or so of that walk, all of P is written,
-//! a thirty-second of it in each frame (docs/long-ways.md has the times with 1000 features); more seldom makes the steps
+//! a thirty-second of it in each frame (docs/long-trajectories.md has the times with 1000 features); more seldom makes the steps
 //! between dearer. In the median a step costs 0.164 of the plain one. It is off by default:
 //! the default map has 120 features, few of them out of view.
 //!

@@ -76,8 +76,8 @@ pub(crate) fn by_state(state: &State) -> Option<Vec<f64>> {
 
 /// Variance of the estimate by the covariance that is told; `None` where no feature has a depth.
 pub(crate) fn told_variance(state: &State) -> Option<f64> {
-    let lasting = state.told().lasting_variance(&by_state(state)?);
-    ScaleEstimate::of(state).map(|scale| scale.variance + lasting)
+    let time_correlated = state.told().time_correlated_variance(&by_state(state)?);
+    ScaleEstimate::of(state).map(|scale| scale.variance + time_correlated)
 }
 
 impl ScaleEstimate {

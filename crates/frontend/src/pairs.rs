@@ -122,7 +122,7 @@ struct Best {
 }
 
 impl Best {
-    /// The most alike partner, its likeness and that of the next.
+    /// The most alike partner, its similarity and that of the next.
     fn two(&self) -> Option<(usize, f32, f32)> {
         let mut two: Option<(usize, f32, f32)> = None;
         for &(j, alike) in &self.all {
@@ -237,7 +237,7 @@ impl Geometry {
     }
 }
 
-/// Likeness of all possible pairs.
+/// Similarity of all possible pairs.
 struct Compare<'a> {
     points: &'a [Point],
     geometry: &'a Geometry,

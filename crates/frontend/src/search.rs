@@ -49,7 +49,7 @@ pub struct Options {
 
 /// What became of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum SearchOutcome {
     /// One clear peak.
     Found = 0,
     /// No peak is high enough.
@@ -64,7 +64,7 @@ pub enum Outcome {
 
 /// Outcome of a search.
 #[derive(Clone, Copy, Debug)]
-pub struct Found {
+pub struct SearchResult {
     /// Sub-pixel position of the best peak; NaN where there is none.
     pub uv: Vector2<f64>,
     /// Its correlation; -1 where there is none.
@@ -72,7 +72,7 @@ pub struct Found {
     /// Correlation of the next best peak that does not belong to it; -1 where there is none.
     pub second: f64,
     /// What became of it.
-    pub outcome: Outcome,
+    pub outcome: SearchOutcome,
 }
 
 /// Where one template is looked for.
@@ -97,7 +97,7 @@ pub fn search(
     side: usize,
     expected: &[Expected],
     options: &Options,
-) -> Vec<Found> {
+) -> Vec<SearchResult> {
     if expected.is_empty() {
         return Vec::new();
     }
@@ -111,20 +111,20 @@ pub fn search(
     let pairs = templates.chunks_exact(side * side).zip(expected);
     pairs
         .map(|(pixels, expected)| {
-            let mut found = Found {
+            let mut found = SearchResult {
                 uv: Vector2::repeat(f64::NAN),
                 score: -1.0,
                 second: -1.0,
-                outcome: Outcome::Outside,
+                outcome: SearchOutcome::Outside,
             };
             let Some(area) = Area::new(image, side, expected, options) else {
                 return found;
             };
             if area.wide && !options.whole {
-                found.outcome = Outcome::Wide;
+                found.outcome = SearchOutcome::Wide;
                 return found;
             }
-            found.outcome = Outcome::LowScore;
+            found.outcome = SearchOutcome::LowScore;
             let template = Template::new(pixels, side);
             if template.deviation() < options.min_deviation {
                 return found;
@@ -138,9 +138,9 @@ pub fn search(
                 found.uv = align(image, pixels, side, found.uv);
                 let unique = found.second < options.ambiguity * found.score;
                 found.outcome = if unique {
-                    Outcome::Found
+                    SearchOutcome::Found
                 } else {
-                    Outcome::Ambiguous
+                    SearchOutcome::Ambiguous
                 };
             }
             found
@@ -245,7 +245,7 @@ impl Area {
     }
 
     /// Best peak inside the ellipse, and the next best that does not belong to it.
-    fn judge(&self, map: &Map, apart: f64, found: &mut Found) {
+    fn judge(&self, map: &Map, apart: f64, found: &mut SearchResult) {
         let mut peaks: Vec<(f32, usize, usize)> = Vec::new();
         let width = map.width;
         for y in 1..map.height - 1 {

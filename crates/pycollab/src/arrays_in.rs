@@ -379,7 +379,7 @@ pub(crate) fn rigid(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> 
     if quat::is_rotation(&pose.rotation, ROUNDING) {
         return Ok(pose);
     }
-    let why = "its 3x3 is no rotation matrix; give a 4x4 rigid transform";
+    let why = "its 3x3 is not a rotation matrix; give a 4x4 rigid transform";
     Err(invalid(what, why))
 }
 
@@ -394,7 +394,7 @@ pub(crate) fn optional_ids(what: &'static str, value: &Argument<'_>) -> PyResult
     let id = |&id: &i64| match id {
         -1 => Ok(None),
         id if id < 0 => {
-            let why = format!("{id} is no id; give -1 for a new point");
+            let why = format!("{id} is not an id; give -1 for a new point");
             Err(invalid(what, why))
         }
         id => Ok(Some(id.unsigned_abs())),
@@ -406,7 +406,8 @@ pub(crate) fn optional_ids(what: &'static str, value: &Argument<'_>) -> PyResult
 pub(crate) fn ids(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<u64>> {
     let array = array::<i64, Ix1>(what, "(N,)", value)?;
     let id = |&id: &i64| {
-        u64::try_from(id).map_err(|_| invalid(what, format!("{id} is no id; ids are not negative")))
+        u64::try_from(id)
+            .map_err(|_| invalid(what, format!("{id} is not an id; ids are not negative")))
     };
     array.as_array().iter().map(id).collect()
 }

@@ -7,9 +7,9 @@ use crate::arrays_in::{
 use crate::arrays_out::{Column, Stack, Table, column, stacked, to_matrix, to_pose, to_table};
 use crate::errors::{invalid, to_python};
 use crate::gate;
-use crate::submap::{PyEdge, PySight};
+use crate::submap::{PyEdge, PySubmapPnp};
 use ekf_core::EkfError;
-use ekf_core::graph::{Factor, HandedOn, Marginals, Node, Placed, PoseGraph};
+use ekf_core::graph::{Factor, Marginals, Node, PoseGraph, PosedNode, Transferred};
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use nalgebra::SMatrix;
@@ -26,11 +26,11 @@ use std::sync::OnceLock;
 ///     Submap that is measured.
 /// pose : (4, 4) float64
 ///     Of the second from the first, metres.
-/// handed_on : (K,) float64
-///     What the first was found to hand on; none where the factor does not speak of it.
+/// transferred : (K,) float64
+///     What the first was found to transfer; none where the factor does not speak of it.
 /// weight : (R, 6 + K + L) float64
-///     Makes the residual white: of the pose, of what the first handed on, and of the L numbers that
-///     the second hands on, if the factor speaks of them.
+///     Makes the residual white: of the pose, of what the first transferred, and of the L numbers that
+///     the second transfers, if the factor speaks of them.
 ///
 /// Raises
 /// ------
@@ -46,14 +46,14 @@ impl PyFactor {
         first: i64,
         second: usize,
         pose: Argument<'_>,
-        handed_on: Argument<'_>,
+        transferred: Argument<'_>,
         weight: Argument<'_>,
     ) -> PyResult<Self> {
         Ok(Self(Factor {
             first: usize::try_from(first).ok(),
             second,
             pose: rigid("pose", &pose)?,
-            handed_on: finite_numbers("handed_on", &handed_on)?,
+            transferred: finite_numbers("transferred", &transferred)?,
             weight: table("weight", &weight)?,
         }))
     }
@@ -113,7 +113,7 @@ impl PyFactor {
         made.map(Self).map_err(to_python)
     }
 
-    /// How well the filter knows what a submap hands on, where none of the same map follows it.
+    /// How well the filter knows what a submap transfers, where none of the same map follows it.
     ///
     /// Parameters
     /// ----------
@@ -131,13 +131,13 @@ impl PyFactor {
     /// FilterError
     ///     If the covariance is none.
     #[staticmethod]
-    fn of_handed_on(submap: usize, covariance: Argument<'_>) -> PyResult<Self> {
+    fn of_transferred(submap: usize, covariance: Argument<'_>) -> PyResult<Self> {
         let covariance = finite_square("covariance", &covariance)?;
-        let made = Factor::handed_on(submap, &covariance);
+        let made = Factor::transferred(submap, &covariance);
         made.map(Self).map_err(to_python)
     }
 
-    /// What the sight of an earlier submap says.
+    /// What PnP in an earlier submap says.
     ///
     /// Parameters
     /// ----------
@@ -145,7 +145,7 @@ impl PyFactor {
     ///     The submap that is seen.
     /// second : int
     ///     The submap at whose end it is seen.
-    /// sight : Sight
+    /// pnp : SubmapPnp
     ///
     /// Returns
     /// -------
@@ -156,8 +156,8 @@ impl PyFactor {
     /// InputError
     ///     If its information is not finite.
     #[staticmethod]
-    fn of_sight(first: usize, second: usize, sight: &PySight) -> PyResult<Self> {
-        let made = Factor::sight(first, second, &sight.0.pose, &sight.0.information);
+    fn of_submap_pnp(first: usize, second: usize, pnp: &PySubmapPnp) -> PyResult<Self> {
+        let made = Factor::submap_pnp(first, second, &pnp.0.pose, &pnp.0.information);
         made.map(Self).map_err(to_python)
     }
 
@@ -174,8 +174,8 @@ impl PyFactor {
         to_pose(py, &self.0.pose)
     }
     #[getter]
-    fn handed_on(&self, py: Python<'_>) -> Column<f64> {
-        column(py, self.0.handed_on.iter().copied())
+    fn transferred(&self, py: Python<'_>) -> Column<f64> {
+        column(py, self.0.transferred.iter().copied())
     }
     #[getter]
     fn weight(&self, py: Python<'_>) -> Table {
@@ -189,8 +189,8 @@ impl PyFactor {
 /// ----------
 /// poses : (N, 4, 4) float64
 ///     Of each submap in W, metres.
-/// handed_on : sequence of N (K,) float64
-///     By how much what each handed on is wrong, as many numbers as it handed on.
+/// transferred : sequence of N (K,) float64
+///     By how much what each transferred is wrong, as many numbers as it transferred.
 /// factors : list of Factor
 ///
 /// Raises
@@ -232,17 +232,17 @@ impl PyPoseGraph {
     #[new]
     fn new(
         poses: Argument<'_>,
-        handed_on: Arguments<'_>,
+        transferred: Arguments<'_>,
         factors: Vec<PyRef<'_, PyFactor>>,
     ) -> PyResult<Self> {
         let poses = crate::arrays_in::stack::<4, 4>("poses", &poses)?;
-        let wrong = |_| invalid("handed_on", "a sequence of arrays is needed");
-        let handed_on = handed_on.try_iter().map_err(wrong)?;
-        let handed_on: Vec<HandedOn> = handed_on
-            .map(|one| finite_numbers("handed_on", &one?))
+        let wrong = |_| invalid("transferred", "a sequence of arrays is needed");
+        let transferred = transferred.try_iter().map_err(wrong)?;
+        let transferred: Vec<Transferred> = transferred
+            .map(|one| finite_numbers("transferred", &one?))
             .collect::<PyResult<_>>()?;
-        same_length("handed_on", poses.len(), handed_on.len())?;
-        let node = |(m, handed_on): (&SMatrix<f64, 4, 4>, HandedOn)| {
+        same_length("transferred", poses.len(), transferred.len())?;
+        let node = |(m, transferred): (&SMatrix<f64, 4, 4>, Transferred)| {
             let rotation = m.fixed_view::<3, 3>(0, 0).into_owned();
             let good = m.iter().all(|v| v.is_finite()) && quat::is_rotation(&rotation, ROUNDING);
             let pose = Pose {
@@ -250,12 +250,12 @@ impl PyPoseGraph {
                 translation: m.fixed_view::<3, 1>(0, 3).into_owned(),
             };
             let why = "one is no 4x4 rigid transform";
-            let node = good.then_some(Node { pose, handed_on });
+            let node = good.then_some(Node { pose, transferred });
             node.ok_or_else(|| invalid("poses", why))
         };
         let nodes: Vec<Node> = poses
             .iter()
-            .zip(handed_on)
+            .zip(transferred)
             .map(node)
             .collect::<PyResult<_>>()?;
         let factors = factors.iter().map(|f| f.0.clone()).collect();
@@ -301,10 +301,10 @@ impl PyPoseGraph {
 
     /// List of N (K,) float64, see the class.
     #[getter]
-    fn handed_on(&self, py: Python<'_>) -> Vec<Column<f64>> {
+    fn transferred(&self, py: Python<'_>) -> Vec<Column<f64>> {
         let nodes = self.graph.nodes().iter();
         nodes
-            .map(|node| column(py, node.handed_on.iter().copied()))
+            .map(|node| column(py, node.transferred.iter().copied()))
             .collect()
     }
 
@@ -316,7 +316,7 @@ impl PyPoseGraph {
     ///
     /// Returns
     /// -------
-    /// Placed
+    /// PosedNode
     ///
     /// Raises
     /// ------
@@ -324,10 +324,10 @@ impl PyPoseGraph {
     ///     If there is no such submap.
     /// FilterError
     ///     If a submap is tied to nothing.
-    fn placed(&self, py: Python<'_>, submap: usize) -> PyResult<PyPlaced> {
+    fn posed_node(&self, py: Python<'_>, submap: usize) -> PyResult<PyPosedNode> {
         self.check(submap)?;
-        let placed = gate::enter(py, || Ok(self.marginals()?.placed(submap)))?;
-        Ok(PyPlaced(placed))
+        let posed_node = gate::enter(py, || Ok(self.marginals()?.posed_node(submap)))?;
+        Ok(PyPosedNode(posed_node))
     }
 
     /// Pose of one submap from another, and its covariance (right tangent, m^2 and rad^2).
@@ -367,7 +367,7 @@ impl PyPoseGraph {
     /// Raises
     /// ------
     /// InputError
-    ///     If it is of a submap that is not there, or of other numbers than the submaps hand on.
+    ///     If it is of a submap that is not there, or of other numbers than the submaps transfer.
     /// FilterError
     ///     If a submap is tied to nothing.
     fn distance(&self, py: Python<'_>, factor: &PyFactor) -> PyResult<f64> {
@@ -376,39 +376,39 @@ impl PyPoseGraph {
     }
 }
 
-/// A pose in W with what is handed on there, and how well both are known.
+/// A pose in W with what is transferred there, and how well both are known.
 ///
 /// Parameters
 /// ----------
 /// pose : (4, 4) float64
 ///     Metres.
-/// handed_on : (K,) float64
-///     By how much what is handed on there is wrong.
+/// transferred : (K,) float64
+///     By how much what is transferred there is wrong.
 /// covariance : (6 + K, 6 + K) float64
-///     Joint, of the pose (right tangent, m and rad) and what is handed on.
+///     Joint, of the pose (right tangent, m and rad) and what is transferred.
 ///
 /// Raises
 /// ------
 /// InputError
 ///     For wrong shapes, or a pose that is none.
-#[pyclass(name = "Placed", module = "collabslam._core", frozen)]
-pub(crate) struct PyPlaced(Placed);
+#[pyclass(name = "PosedNode", module = "collabslam._core", frozen)]
+pub(crate) struct PyPosedNode(PosedNode);
 
 #[pymethods]
-impl PyPlaced {
+impl PyPosedNode {
     #[new]
     fn new(
         pose: Argument<'_>,
-        handed_on: Argument<'_>,
+        transferred: Argument<'_>,
         covariance: Argument<'_>,
     ) -> PyResult<Self> {
         let node = Node {
             pose: rigid("pose", &pose)?,
-            handed_on: finite_numbers("handed_on", &handed_on)?,
+            transferred: finite_numbers("transferred", &transferred)?,
         };
         let covariance = finite_square("covariance", &covariance)?;
         same_length("covariance", node.dim(), covariance.nrows())?;
-        Ok(Self(Placed { node, covariance }))
+        Ok(Self(PosedNode { node, covariance }))
     }
 
     #[getter]
@@ -416,15 +416,15 @@ impl PyPlaced {
         to_pose(py, &self.0.node.pose)
     }
     #[getter]
-    fn handed_on(&self, py: Python<'_>) -> Column<f64> {
-        column(py, self.0.node.handed_on.iter().copied())
+    fn transferred(&self, py: Python<'_>) -> Column<f64> {
+        column(py, self.0.node.transferred.iter().copied())
     }
     #[getter]
     fn covariance(&self, py: Python<'_>) -> Table {
         to_table(py, &self.0.covariance)
     }
 
-    /// Where the way from here ends, corrected by what the errors handed on here are now known to be.
+    /// Where the way from here ends, corrected by what the errors transferred here are now known to be.
     ///
     /// Parameters
     /// ----------
@@ -432,12 +432,12 @@ impl PyPlaced {
     ///
     /// Returns
     /// -------
-    /// Placed
+    /// PosedNode
     ///
     /// Raises
     /// ------
     /// InputError
-    ///     If other numbers were handed on where the way begins.
+    ///     If other numbers were transferred where the way begins.
     /// FilterError
     ///     If the covariance of the way is none.
     fn onward(&self, edge: &PyEdge) -> PyResult<Self> {

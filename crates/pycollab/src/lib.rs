@@ -50,8 +50,8 @@ mod _core {
     #[pymodule_export]
     use crate::filter::{
         Block, CandidateReport, CandidateViews, PyConditionalPrediction, PyFilter, PyKnownMap,
-        PyLandmarks, PyMapRelocalisation, PyOutcomes, PyOverlap, PyPrediction, PyUpdateReport,
-        PyWornPose,
+        PyLandmarks, PyMapRelocalisation, PyMeasurementOutcomes, PyOverlap, PyPrediction,
+        PyUpdateReport, PyWornPose,
     };
     #[pymodule_export]
     use crate::frontend::consensus::{
@@ -80,7 +80,7 @@ mod _core {
         rotation_log, se3_exp, se3_log, skew, tangent_to_fixed,
     };
     #[pymodule_export]
-    use crate::graph::{PyFactor, PyPlaced, PyPoseGraph};
+    use crate::graph::{PyFactor, PyPoseGraph, PyPosedNode};
     #[pymodule_export]
     use crate::settings::{
         BirthSettings, CalibrationSettings, EstimatorSettings, ImuSettings, LostSettings,
@@ -88,7 +88,7 @@ mod _core {
         PyFilterSettings, ValidateSettings, WornSettings, settings_schema,
     };
     #[pymodule_export]
-    use crate::submap::{PyEdge, PySight, PySubmap, PySubmapLandmarks};
+    use crate::submap::{PyEdge, PySubmap, PySubmapLandmarks, PySubmapPnp};
     #[pymodule_export]
     use crate::turn::Turn;
 }

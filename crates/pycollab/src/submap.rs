@@ -8,7 +8,7 @@ use crate::camera::PyCamera;
 use crate::gate;
 use ekf_core::Submap;
 use ekf_core::graph::Edge;
-use ekf_core::sight::{Landmarks, Noise, Sight, sight as core_sight};
+use ekf_core::submap_pnp::{Landmarks, Noise, SubmapPnp, submap_pnp as core_submap_pnp};
 use nalgebra::{DMatrix, Vector3};
 use pyo3::prelude::*;
 
@@ -19,10 +19,10 @@ use pyo3::prelude::*;
 /// pose : (4, 4) float64
 ///     Of its end from its beginning, metres.
 /// revised : (K,) float64
-///     By how much the estimate of what the beginning handed on has changed since.
+///     By how much the estimate of what the beginning transferred has changed since.
 /// covariance : (6 + K + L, 6 + K + L) float64
-///     Joint, of the pose (right tangent, m and rad), the K numbers that the beginning handed on
-///     and the L that the end hands on, where it has ended.
+///     Joint, of the pose (right tangent, m and rad), the K numbers that the beginning transferred
+///     and the L that the end transfers, where it has ended.
 #[pyclass(name = "Edge", module = "collabslam._core", frozen)]
 pub(crate) struct PyEdge(pub(crate) Edge);
 
@@ -52,30 +52,30 @@ impl PyEdge {
 ///     T_WC where it ended, metres.
 /// pose_covariance : (6, 6) float64
 ///     Right tangent, m^2 and rad^2.
-/// handed_on : (K, K) float64
-///     Covariance of what it hands on: the logarithm of the scale, and of each worn camera the
-///     lasting error of T_CF, m and rad along the axes of C.
+/// transferred : (K, K) float64
+///     Covariance of what it transfers: the logarithm of the scale, and of each worn camera the
+///     time-correlated error of T_CF, m and rad along the axes of C.
 /// ids : (N,) int64
 ///     Landmarks in view.
 /// points : (N, 3) float64
 ///     From the camera, metres.
 /// covariance : (3 N, 3 N) float64
 ///     Their joint covariance as they stand to the camera, m^2.
-/// with_handed_on : (3 N, K) float64
-///     Their covariance with what is handed on.
-/// slip : float
-///     Standard deviation of a slip while all that is in view is exchanged once, radians.
+/// with_transferred : (3 N, K) float64
+///     Their covariance with what is transferred.
+/// map_drift : float
+///     Standard deviation of map drift while all that is in view is exchanged once, radians.
 #[pyclass(name = "Submap", module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PySubmap {
     edge: Option<Py<PyEdge>>,
     pose: Table,
     pose_covariance: Table,
-    handed_on: Table,
+    transferred: Table,
     ids: Column<i64>,
     points: Table,
     covariance: Table,
-    with_handed_on: Table,
-    slip: f64,
+    with_transferred: Table,
+    map_drift: f64,
 }
 
 impl PySubmap {
@@ -85,17 +85,17 @@ impl PySubmap {
             edge: submap.edge.map(|e| Py::new(py, PyEdge(e))).transpose()?,
             pose: to_pose(py, &submap.pose),
             pose_covariance: to_matrix(py, &submap.pose_covariance),
-            handed_on: to_table(py, &submap.handed_on),
+            transferred: to_table(py, &submap.transferred),
             ids: to_ids(py, submap.ids.into_iter().map(Some)),
             points: vectors(py, submap.points.into_iter()),
             covariance: symmetric(py, submap.covariance.data.into(), n),
-            with_handed_on: to_table(py, &submap.with_handed_on),
-            slip: submap.slip,
+            with_transferred: to_table(py, &submap.with_transferred),
+            map_drift: submap.map_drift,
         })
     }
 }
 
-/// Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.sight`.
+/// Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.pnp`.
 ///
 /// Attributes
 /// ----------
@@ -107,11 +107,11 @@ impl PySubmap {
 ///     Their squared residual against all noise.
 /// dof : int
 ///     Its degrees of freedom.
-#[pyclass(name = "Sight", module = "collabslam._core", frozen)]
-pub(crate) struct PySight(pub(crate) Sight);
+#[pyclass(name = "SubmapPnp", module = "collabslam._core", frozen)]
+pub(crate) struct PySubmapPnp(pub(crate) SubmapPnp);
 
 #[pymethods]
-impl PySight {
+impl PySubmapPnp {
     #[getter]
     fn pose(&self, py: Python<'_>) -> Table {
         to_pose(py, &self.0.pose)
@@ -134,7 +134,7 @@ impl PySight {
 ///
 /// Parameters
 /// ----------
-/// points, covariance, with_handed_on, handed_on : ndarray
+/// points, covariance, with_transferred, transferred : ndarray
 ///     As :class:`Submap` has them.
 ///
 /// Raises
@@ -145,8 +145,8 @@ impl PySight {
 pub(crate) struct PySubmapLandmarks {
     points: Vec<Vector3<f64>>,
     covariance: DMatrix<f64>,
-    with_handed_on: DMatrix<f64>,
-    handed_on: DMatrix<f64>,
+    with_transferred: DMatrix<f64>,
+    transferred: DMatrix<f64>,
 }
 
 #[pymethods]
@@ -155,14 +155,14 @@ impl PySubmapLandmarks {
     fn new(
         points: Argument<'_>,
         covariance: Argument<'_>,
-        with_handed_on: Argument<'_>,
-        handed_on: Argument<'_>,
+        with_transferred: Argument<'_>,
+        transferred: Argument<'_>,
     ) -> PyResult<Self> {
         Ok(Self {
             points: rows::<3>("points", &points)?,
             covariance: square("covariance", &covariance)?,
-            with_handed_on: table("with_handed_on", &with_handed_on)?,
-            handed_on: square("handed_on", &handed_on)?,
+            with_transferred: table("with_transferred", &with_transferred)?,
+            transferred: square("transferred", &transferred)?,
         })
     }
 
@@ -175,7 +175,7 @@ impl PySubmapLandmarks {
     /// camera : Camera
     /// sigma : float
     ///     Standard deviation of a pixel.
-    /// slip : float
+    /// map_drift : float
     ///     Of what all matches share, radians, as :class:`Submap` has it.
     /// landmarks : (N,) int64
     ///     Of each match, by its place among the points.
@@ -188,7 +188,7 @@ impl PySubmapLandmarks {
     ///
     /// Returns
     /// -------
-    /// Sight or None
+    /// SubmapPnp or None
     ///     None if too few matches agree.
     ///
     /// Raises
@@ -199,17 +199,17 @@ impl PySubmapLandmarks {
         clippy::too_many_arguments,
         reason = "a match has a landmark and a pixel"
     )]
-    fn sight(
+    fn pnp(
         &self,
         py: Python<'_>,
         camera: &PyCamera,
         sigma: f64,
-        slip: f64,
+        map_drift: f64,
         landmarks: Argument<'_>,
         uv: Argument<'_>,
         guess: Argument<'_>,
         least: usize,
-    ) -> PyResult<Option<PySight>> {
+    ) -> PyResult<Option<PySubmapPnp>> {
         let (which, uv) = (ids("landmarks", &landmarks)?, pixels("uv", &uv)?);
         same_length("uv", which.len(), uv.len())?;
         let guess = rigid("guess", &guess)?;
@@ -219,18 +219,18 @@ impl PySubmapLandmarks {
             let submap = Landmarks {
                 points: &self.points,
                 covariance: &self.covariance,
-                with_handed_on: &self.with_handed_on,
-                handed_on: &self.handed_on,
+                with_transferred: &self.with_transferred,
+                transferred: &self.transferred,
             };
-            core_sight(
+            core_submap_pnp(
                 camera,
-                Noise { sigma, slip },
+                Noise { sigma, map_drift },
                 &submap,
                 &matches,
                 &guess,
                 least,
             )
         })?;
-        Ok(found.map(PySight))
+        Ok(found.map(PySubmapPnp))
     }
 }

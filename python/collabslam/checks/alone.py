@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from collabslam.checks.matching import LEAST_MATCHES, Matches, Points, describe, match_points, sampson
-from collabslam.checks.mistakes import Eye
+from collabslam.checks.mistakes import MirroredCamera
 from collabslam.checks.samples import spread
 from collabslam.geometry import pose, se3_exp
 from collabslam.types import Array, Image
@@ -53,7 +53,9 @@ class FocalRange(NamedTuple):
         return not self.least <= 1.0 <= self.most
 
 
-def focal_range(image: Callable[[int], Image], frames: Sequence[int], eye: Eye) -> FocalRange | None:
+def focal_range(
+    image: Callable[[int], Image], frames: Sequence[int], model: MirroredCamera
+) -> FocalRange | None:
     """Focal lengths that one camera's images allow.
 
     Parameters
@@ -62,7 +64,7 @@ def focal_range(image: Callable[[int], Image], frames: Sequence[int], eye: Eye) 
         (H, W) uint8 of a frame.
     frames : sequence of int
         Frames that have one, in order.
-    eye : Eye
+    model : MirroredCamera
         The camera as calibrated.
 
     Returns
@@ -70,10 +72,10 @@ def focal_range(image: Callable[[int], Image], frames: Sequence[int], eye: Eye) 
     FocalRange or None
         None if too few pairs of frames move and share points.
     """
-    pairs = _pairs(image, frames, eye)
+    pairs = _pairs(image, frames, model)
     if len(pairs) < LEAST_PAIRS:
         return None
-    squares = np.array([_left(pair, eye) for pair in pairs]) ** 2
+    squares = np.array([_left(pair, model) for pair in pairs]) ** 2
     # Pairs of many matches that fit well must not drown the others, nor those that fit badly.
     costs = squares / np.maximum(squares.min(axis=1, keepdims=True), _FINE**2)
     best = int(np.argmin(costs.mean(axis=0)))
@@ -92,7 +94,7 @@ def focal_range(image: Callable[[int], Image], frames: Sequence[int], eye: Eye) 
     )
 
 
-def _pairs(image: Callable[[int], Image], frames: Sequence[int], eye: Eye) -> list[Matches]:
+def _pairs(image: Callable[[int], Image], frames: Sequence[int], model: MirroredCamera) -> list[Matches]:
     """Matches of frames far enough apart that their points have moved, outliers taken out."""
     known: dict[int, Points] = {}
 
@@ -109,15 +111,15 @@ def _pairs(image: Callable[[int], Image], frames: Sequence[int], eye: Eye) -> li
             found = match_points(points(k), points(k + gap))
             if len(found.uv_a) < 2 * LEAST_MATCHES:
                 continue
-            if np.median(np.linalg.norm(found.uv_a - found.uv_b, axis=1)) > _MOVED * eye.focal:
-                pairs.append(_rigid(found, eye))
+            if np.median(np.linalg.norm(found.uv_a - found.uv_b, axis=1)) > _MOVED * model.focal:
+                pairs.append(_rigid(found, model))
             break
     return [p for p in pairs if len(p.uv_a) >= 2 * LEAST_MATCHES]
 
 
-def _rigid(matches: Matches, eye: Eye) -> Matches:
+def _rigid(matches: Matches, model: MirroredCamera) -> Matches:
     """The matches that lie on the epipolar lines of one fundamental matrix, whatever the focal length."""
-    a, b = (eye.rays(uv)[:, :2] * eye.focal for uv in matches)
+    a, b = (model.rays(uv)[:, :2] * model.focal for uv in matches)
     usable = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     a, b = a[usable], b[usable]
     if len(a) < 2 * LEAST_MATCHES:
@@ -128,10 +130,10 @@ def _rigid(matches: Matches, eye: Eye) -> Matches:
     return Matches(matches.uv_a[usable][keep], matches.uv_b[usable][keep])
 
 
-def _left(matches: Matches, eye: Eye) -> Array:
+def _left(matches: Matches, model: MirroredCamera) -> Array:
     """Root mean square residual of a pair for each of `FACTORS`, each with its own motion, px."""
     out = np.full(len(FACTORS), _CAP)
-    a, b = eye.rays(matches.uv_a), eye.rays(matches.uv_b)
+    a, b = model.rays(matches.uv_a), model.rays(matches.uv_b)
     cv2.setRNGSeed(0)
     essential, _ = cv2.findEssentialMat(a[:, :2], b[:, :2], np.eye(3), cv2.LMEDS, 0.999, 1.0, 300)
     if essential is None or essential.shape != (3, 3):
@@ -142,7 +144,7 @@ def _left(matches: Matches, eye: Eye) -> Array:
         t_ba = pose(turn, along.ravel())  # each focal length starts from its neighbour's motion
         for k in way:
             scale = np.array([1.0 / FACTORS[k], 1.0 / FACTORS[k], 1.0])
-            t_ba, left = _refined(a * scale, b * scale, t_ba, eye.focal * FACTORS[k])
+            t_ba, left = _refined(a * scale, b * scale, t_ba, model.focal * FACTORS[k])
             out[k] = float(np.sqrt(np.mean(np.minimum(np.abs(left), _CAP) ** 2)))
     return out
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from collabslam.checks.alone import FocalRange, focal_range
 from collabslam.checks.depth import check_depth
 from collabslam.checks.lengths import check_lengths
-from collabslam.checks.mistakes import Eye
+from collabslam.checks.mistakes import MirroredCamera
 from collabslam.checks.robot import RobotReport, check_robot
 from collabslam.checks.worn import MOST_PX, WornReport, check_worn
 from collabslam.datasets.at_frames import AtFrames
@@ -111,7 +111,7 @@ def check_calibration(recording: Recording, robot: RobotReport | None = None) ->
         )
     alone = None
     if not robot.by_gap:
-        alone = focal_range(recording.image, range(len(recording)), Eye(recording.camera))
+        alone = focal_range(recording.image, range(len(recording)), MirroredCamera(recording.camera))
         if alone is not None and alone.contradicts:
             findings.append(
                 f"The images of Cs do not fit its focal length: with {alone.best:.2f} times the calibrated "

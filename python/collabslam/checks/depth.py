@@ -40,7 +40,7 @@ def check_depth(recording: Recording, robot: RobotReport) -> list[str]:
 
 def _ratios(recording: Recording, robot: RobotReport, i: int) -> Array:
     """Depth over what two poses tell, for the matches of frame ``i`` beside which there is one."""
-    poses, eye, frame = robot.poses, robot.eye, recording.frame(i)
+    poses, model, frame = robot.poses, robot.model, recording.frame(i)
     assert poses is not None
     for j in (i + way * gap for gap in _GAPS for way in (1, -1)):
         if frame.depth is None or not 0 <= j < len(recording) or not np.isfinite(poses[[i, j]]).all():
@@ -49,10 +49,10 @@ def _ratios(recording: Recording, robot: RobotReport, i: int) -> Array:
         if np.linalg.norm(t[:3, 3]) < LEAST_BASELINE:
             continue
         matches = match_points(describe(frame.image), describe(recording.image(j)))
-        ahead = in_front(matches, eye, eye, t) == 1.0
+        ahead = in_front(matches, model, model, t) == 1.0
         if ahead.sum() < LEAST_MATCHES or not len(frame.depth.depth):
             continue
-        rays = eye.rays(matches.uv_a[ahead]), eye.rays(matches.uv_b[ahead])
+        rays = model.rays(matches.uv_a[ahead]), model.rays(matches.uv_b[ahead])
         a, b = (r / np.linalg.norm(r, axis=1, keepdims=True) for r in rays)
         told = a[:, 2] / inverse_ranges(a, b, t)
         apart = np.linalg.norm(matches.uv_a[ahead][:, None] - frame.depth.uv[None], axis=2)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam.checks.matching import LEAST_MATCHES, Matches, describe, match_points
-from collabslam.checks.mistakes import Eye, PoseMistake, undone
+from collabslam.checks.mistakes import MirroredCamera, PoseMistake, undone
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.samples import CLEAR_GAIN, spread
 from collabslam.datasets.at_frames import AtFrames
@@ -85,7 +85,7 @@ def check_lengths(recording: AtFrames, robot: RobotReport, undo: PoseMistake | N
     named = [text for text, factor in UNITS.items() if abs(middle - np.log(factor)) < np.log(NEAR)]
     if not named and not (abs(middle) > np.log(NEAR) and abs(middle) > 3.0 * error):
         return LengthReport(ratio, [], [])
-    before, after = (robot.eye.focal * _transferred(triples, factor) for factor in (1.0, ratio))
+    before, after = (robot.model.focal * _transferred(triples, factor) for factor in (1.0, ratio))
     if after > CLEAR_GAIN * before:
         return LengthReport(ratio, [], [])
     numbers = (
@@ -115,7 +115,7 @@ def _plausible(recording: AtFrames) -> LengthReport:
 
 
 def _triples(recording: AtFrames, robot: RobotReport, undo: PoseMistake | None) -> list[_Triple]:
-    poses, eyes = robot.poses, (robot.eye, Eye(recording.worn_camera or recording.camera))
+    poses, models = robot.poses, (robot.model, MirroredCamera(recording.worn_camera or recording.camera))
     assert poses is not None
     known: Mask = np.asarray(np.isfinite(poses).all(axis=(1, 2)))
     out: list[_Triple] = []
@@ -136,7 +136,7 @@ def _triples(recording: AtFrames, robot: RobotReport, undo: PoseMistake | None) 
             if len(both) < _NEIGHBOURS:
                 continue
             uvs = np.array(both), np.array([pairs[uv] for uv in both]), np.array([later[uv] for uv in both])
-            rays = [eye.rays(uv) for eye, uv in zip((eyes[0], eyes[1], eyes[0]), uvs, strict=True)]
+            rays = [model.rays(uv) for model, uv in zip((models[0], models[1], models[0]), uvs, strict=True)]
             usable = np.all([np.isfinite(r).all(axis=1) for r in rays], axis=0)
             units = [r[usable] / np.linalg.norm(r[usable], axis=1, keepdims=True) for r in rays]
             out.append(_Triple(units[0], units[1], units[2], t_cf, pose_inverse(poses[i]) @ poses[k]))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam._core import Camera
-from collabslam.checks.mistakes import Eye
+from collabslam.checks.mistakes import MirroredCamera
 from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.geometry import pose_inverse, skew
 from collabslam.types import Array, Image
@@ -75,32 +75,34 @@ def match_images(a: Image, b: Image) -> Matches:
 
 
 def epipolar_residuals(
-    matches: Matches, camera_a: Eye | Camera, camera_b: Eye | Camera, t_ab: Array
+    matches: Matches, camera_a: MirroredCamera | Camera, camera_b: MirroredCamera | Camera, t_ab: Array
 ) -> Array:
     """Sampson distance of each match under a pose, pixels of image a; matches without a ray are left out.
 
     Parameters
     ----------
     matches : Matches
-    camera_a, camera_b : Eye or Camera
+    camera_a, camera_b : MirroredCamera or Camera
     t_ab : (4, 4) array
         Maps points of camera b into camera a.
     """
-    eyes = [c if isinstance(c, Eye) else Eye(c) for c in (camera_a, camera_b)]
-    a, b = eyes[0].rays(matches.uv_a), eyes[1].rays(matches.uv_b)
+    models = [c if isinstance(c, MirroredCamera) else MirroredCamera(c) for c in (camera_a, camera_b)]
+    a, b = models[0].rays(matches.uv_a), models[1].rays(matches.uv_b)
     usable = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    return eyes[0].focal * np.abs(sampson(a[usable], b[usable], t_ab))
+    return models[0].focal * np.abs(sampson(a[usable], b[usable], t_ab))
 
 
-def in_front(matches: Matches, camera_a: Eye | Camera, camera_b: Eye | Camera, t_ab: Array) -> Array:
+def in_front(
+    matches: Matches, camera_a: MirroredCamera | Camera, camera_b: MirroredCamera | Camera, t_ab: Array
+) -> Array:
     """1 for each match that lies in front of both cameras, 0 for one behind; NaN where nothing tells it.
 
     Epipolar lines are the same for a pose that points backwards; depth is not.  It is told by matches that
     the pose fits, whose rays are far from parallel.
     """
-    eyes = [c if isinstance(c, Eye) else Eye(c) for c in (camera_a, camera_b)]
-    a, b = eyes[0].rays(matches.uv_a), eyes[1].rays(matches.uv_b)
-    fits = eyes[0].focal * np.abs(sampson(a, b, t_ab)) < FITS_PX
+    models = [c if isinstance(c, MirroredCamera) else MirroredCamera(c) for c in (camera_a, camera_b)]
+    a, b = models[0].rays(matches.uv_a), models[1].rays(matches.uv_b)
+    fits = models[0].focal * np.abs(sampson(a, b, t_ab)) < FITS_PX
     a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
     clear = np.linalg.norm(np.cross(a, b @ t_ab[:3, :3].T), axis=1) > _PARALLAX
     ahead = (inverse_ranges(a, b, t_ab) > 0.0) & (inverse_ranges(b, a, pose_inverse(t_ab)) > 0.0)

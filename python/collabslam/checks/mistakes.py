@@ -118,7 +118,7 @@ TRUE_POSE_MISTAKES = (
 
 
 @dataclass(frozen=True)
-class Eye:
+class MirroredCamera:
     """A camera together with how its images have to be turned before its calibration holds.
 
     Attributes
@@ -152,45 +152,45 @@ class Eye:
         """Mean focal length, px."""
         return float(np.sqrt(self.camera.intrinsics[0] * self.camera.intrinsics[1]))
 
-    def with_focal(self, factor: float) -> Eye:
+    def with_focal(self, factor: float) -> MirroredCamera:
         """Another focal length about the same centre."""
         fx, fy, cx, cy = self.camera.intrinsics
         return self._with(factor * fx, factor * fy, cx, cy)
 
-    def scaled(self, factor: float) -> Eye:
+    def scaled(self, factor: float) -> MirroredCamera:
         """The calibration carried to images of another size: focal length and centre."""
         fx, fy, cx, cy = self.camera.intrinsics
         return self._with(factor * fx, factor * fy, factor * (cx + 0.5) - 0.5, factor * (cy + 0.5) - 0.5)
 
-    def _with(self, *intrinsics: float) -> Eye:
+    def _with(self, *intrinsics: float) -> MirroredCamera:
         c = self.camera
         changed = Camera(c.model, c.width, c.height, intrinsics, c.distortion)
         return replace(self, camera=changed)
 
 
-class EyeMistake(NamedTuple):
+class CameraMistake(NamedTuple):
     """As `PoseMistake`, for the images of one camera; ``{camera}`` stands for its name."""
 
     fault: str
     remedy: str
-    undo: Callable[[Eye], Eye]
+    undo: Callable[[MirroredCamera], MirroredCamera]
 
 
 MIRRORS = (
-    EyeMistake(
+    CameraMistake(
         "the images of {camera} are mirrored left to right",
         "store them as the camera sees them",
-        lambda eye: replace(eye, across=not eye.across),
+        lambda model: replace(model, across=not model.across),
     ),
-    EyeMistake(
+    CameraMistake(
         "the images of {camera} are mirrored upside down, or its poses are left-handed (Unity's, y up)",
         "store them as the camera sees them, or negate y of the positions and x and z of the quaternions",
-        lambda eye: replace(eye, down=not eye.down),
+        lambda model: replace(model, down=not model.down),
     ),
-    EyeMistake(
+    CameraMistake(
         "the images of {camera} are upside down",
         "turn them by 180 degrees, or calibrate the camera as it hangs",
-        lambda eye: replace(eye, across=not eye.across, down=not eye.down),
+        lambda model: replace(model, across=not model.across, down=not model.down),
     ),
 )
 SIZES = np.array([0.25, 1 / 3, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0, 3.0, 4.0])
@@ -200,5 +200,5 @@ FOCALS = np.linspace(0.7, 1.4, 29)
 
 
 def mirrored(image: Image, across: bool, down: bool) -> Image:
-    """The image as an `Eye` with these flags takes it."""
+    """The image as an `MirroredCamera` with these flags takes it."""
     return np.ascontiguousarray(image[:: -1 if down else 1, :: -1 if across else 1])

@@ -25,7 +25,7 @@ from collabslam.checks.matching import (
     match_points,
     share_in_front,
 )
-from collabslam.checks.mistakes import FOCALS, MIRRORS, SIZES, TRUE_POSE_MISTAKES, Eye
+from collabslam.checks.mistakes import FOCALS, MIRRORS, SIZES, TRUE_POSE_MISTAKES, MirroredCamera
 from collabslam.checks.samples import CLEAR_GAIN, least, spread
 from collabslam.datasets.poses import interpolate_track
 from collabslam.geometry import pose_inverse
@@ -62,7 +62,7 @@ class RobotReport:
         Factor on the focal lengths that fits best.
     offset : float or None
         Seconds to add to the image stamps of Cs so that the poses fit best.
-    eye : Eye
+    model : MirroredCamera
         The camera with the mistake undone that was found, or as given.
     poses : (N, 4, 4) float64 or None
         The true poses with the mistake undone that was found, or as given.
@@ -70,7 +70,7 @@ class RobotReport:
         What is wrong, and what could not be checked, in sentences.
     """
 
-    eye: Eye
+    model: MirroredCamera
     by_gap: dict[int, float] = field(default_factory=dict)
     focal: float | None = None
     offset: float | None = None
@@ -84,15 +84,17 @@ class _Trial(NamedTuple):
 
     fault: str
     remedy: str
-    eye: Eye
+    model: MirroredCamera
     poses: Array
 
 
 def check_robot(recording: Recording) -> RobotReport:
     """Hold Cs's images against its true poses."""
-    truth, eye = recording.truth, Eye(recording.camera)
+    truth, model = recording.truth, MirroredCamera(recording.camera)
     if truth is None:
-        return RobotReport(eye, notes=["There are no true poses (--poses) to hold the images of Cs against."])
+        return RobotReport(
+            model, notes=["There are no true poses (--poses) to hold the images of Cs against."]
+        )
     points: dict[int, Points] = {}
     pairs = {gap: found for gap in GAPS if (found := _pairs(recording, truth, gap, points))}
     if not pairs:
@@ -100,17 +102,17 @@ def check_robot(recording: Recording) -> RobotReport:
             f"No two frames with poses are {100 * LEAST_BASELINE:.0f} cm apart and share {LEAST_MATCHES} "
             "points: calibration and stamps of Cs are not held against the poses."
         )
-        return RobotReport(eye, notes=[text])
+        return RobotReport(model, notes=[text])
     every = [p for found in pairs.values() for p in found]
-    now = residual(every, eye, truth)
-    focal = least(lambda f: residual(every, eye.with_focal(f), truth), FOCALS, 1.0)
-    offset = _offset(recording, every, eye, truth)
-    by_gap = {gap: residual(found, eye, truth) for gap, found in pairs.items()}
-    report = RobotReport(eye, by_gap, focal, offset, truth)
+    now = residual(every, model, truth)
+    focal = least(lambda f: residual(every, model.with_focal(f), truth), FOCALS, 1.0)
+    offset = _offset(recording, every, model, truth)
+    by_gap = {gap: residual(found, model, truth) for gap, found in pairs.items()}
+    report = RobotReport(model, by_gap, focal, offset, truth)
 
-    trials = list(_trials(recording, every, eye, truth, focal, offset))
-    after = np.array([residual(every, t.eye, t.poses) for t in trials])
-    front = _front(every, eye, truth)
+    trials = list(_trials(recording, every, model, truth, focal, offset))
+    after = np.array([residual(every, t.model, t.poses) for t in trials])
+    front = _front(every, model, truth)
     limit = CLEAR_GAIN * now if front >= BEHIND else max(now, FINE_PX)
     for best in np.argsort(after, kind="stable").tolist():
         fault, remedy, changed, poses = trials[best]
@@ -138,29 +140,29 @@ def check_robot(recording: Recording) -> RobotReport:
     return report
 
 
-def residual(pairs: list[Pair], eye: Eye, poses: Array) -> float:
+def residual(pairs: list[Pair], model: MirroredCamera, poses: Array) -> float:
     """Median epipolar residual of pairs of Cs whose poses are known, px; infinite if there are none."""
     values = [
-        epipolar_residuals(p.matches, eye, eye, pose_inverse(poses[p.i]) @ poses[p.j])
+        epipolar_residuals(p.matches, model, model, pose_inverse(poses[p.i]) @ poses[p.j])
         for p in pairs
         if np.isfinite(poses[[p.i, p.j]]).all()
     ]
     return float(np.median(np.concatenate(values))) if values and sum(map(len, values)) else np.inf
 
 
-def _front(pairs: list[Pair], eye: Eye, poses: Array) -> float:
+def _front(pairs: list[Pair], model: MirroredCamera, poses: Array) -> float:
     """Share of the points of pairs of Cs that lie in front of both of its places; 1 if nothing tells it."""
     known = [p for p in pairs if np.isfinite(poses[[p.i, p.j]]).all()]
     return share_in_front(
-        [in_front(p.matches, eye, eye, pose_inverse(poses[p.i]) @ poses[p.j]) for p in known]
+        [in_front(p.matches, model, model, pose_inverse(poses[p.i]) @ poses[p.j]) for p in known]
     )
 
 
-def _offset(recording: Recording, pairs: list[Pair], eye: Eye, truth: Array) -> float:
+def _offset(recording: Recording, pairs: list[Pair], model: MirroredCamera, truth: Array) -> float:
     between = float(np.median(np.diff(recording.times)))
     reach = max(CLOCK, 3.0 * between)
     shifts = np.linspace(-reach, reach, 25)
-    return least(lambda s: residual(pairs, eye, _shifted(recording, truth, s)), shifts, 0.0)
+    return least(lambda s: residual(pairs, model, _shifted(recording, truth, s)), shifts, 0.0)
 
 
 def _shifted(recording: Recording, truth: Array, shift: float) -> Array:
@@ -169,32 +171,32 @@ def _shifted(recording: Recording, truth: Array, shift: float) -> Array:
 
 
 def _trials(
-    recording: Recording, pairs: list[Pair], eye: Eye, truth: Array, focal: float, offset: float
+    recording: Recording, pairs: list[Pair], model: MirroredCamera, truth: Array, focal: float, offset: float
 ) -> Iterator[_Trial]:
     """Cs with each usual mistake undone."""
     if abs(focal - 1.0) > FOCAL_TOLERANCE:
         yield _Trial(
             f"the focal length of Cs does not fit, {focal:.2f} times the calibrated one does",
             "calibrate this camera at this resolution",
-            eye.with_focal(focal),
+            model.with_focal(focal),
             truth,
         )
     if abs(offset) > OFFSET_TOLERANCE * float(np.median(np.diff(recording.times))):
         yield _Trial(
             f"the time stamps of Cs do not fit the poses, with {offset:+.3f} s added to the images' they do",
             "correct the clocks, or shift the stamps (--times)",
-            eye,
+            model,
             _shifted(recording, truth, offset),
         )
     for size in SIZES:
         yield _Trial(
             f"the images of Cs were scaled after the calibration, by {size:.2f}",
             "scale focal lengths and centre in the calibration alike",
-            eye.scaled(float(size)),
+            model.scaled(float(size)),
             truth,
         )
     for mirror in MIRRORS:
-        yield _Trial(mirror.fault.format(camera="Cs"), mirror.remedy, mirror.undo(eye), truth)
+        yield _Trial(mirror.fault.format(camera="Cs"), mirror.remedy, mirror.undo(model), truth)
     order = sorted(range(len(truth)), key=str)
     if order != list(range(len(truth))):
         ranks = np.argsort(order)
@@ -203,10 +205,10 @@ def _trials(
             ("poses", "write them in the order of the images", truth[ranks]),
         ):
             fault = f"the {of} are in the order of names as text (0, 1, 10, 11, 2)"
-            yield _Trial(fault, remedy, eye, poses)
+            yield _Trial(fault, remedy, model, poses)
     for mistake in TRUE_POSE_MISTAKES:
         poses = np.array([mistake.undo(t) if np.isfinite(t).all() else t for t in truth])
-        yield _Trial(mistake.fault, mistake.remedy, eye, poses)
+        yield _Trial(mistake.fault, mistake.remedy, model, poses)
 
 
 def _pairs(recording: Recording, truth: Array, gap: int, points: dict[int, Points]) -> list[Pair]:

@@ -24,7 +24,7 @@ from collabslam.checks.matching import (
     in_front,
     share_in_front,
 )
-from collabslam.checks.mistakes import Eye, PoseMistake
+from collabslam.checks.mistakes import MirroredCamera, PoseMistake
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.trials import Trial, worn_trials
 from collabslam.checks.views import View, sample_views
@@ -95,20 +95,20 @@ def check_worn(recording: AtFrames, robot: RobotReport) -> WornReport:
     """
     if recording.worn_camera is None:
         return WornReport()
-    eyes = robot.eye, Eye(recording.worn_camera)
+    models = robot.model, MirroredCamera(recording.worn_camera)
     views = sample_views(recording)
     if not views:
         text = (
             f"No view of Cf shares {LEAST_MATCHES} points with Cs: its calibration and T_CF are not checked."
         )
         return WornReport(notes=[text])
-    given = Trial("", "", eyes)
+    given = Trial("", "", models)
     costs = _costs(views, given)
     now, expected = _residual(views, given), _expected(views, given)
     verdicts = [_asked(view, given) for view in views]
     error = _error(views, verdicts)
     between = float(np.median(np.diff(recording.times)))
-    trials = list(worn_trials(eyes, views, between, robot))
+    trials = list(worn_trials(models, views, between, robot))
     tried, white = [_costs(views, t) for t in trials], _white_share(views, given)
     best = int(np.argmax([_gain(views, costs, cost, white) for cost in tried]))
     gain = _gain(views, costs, tried[best], min(white, _white_share(views, trials[best])))
@@ -223,12 +223,12 @@ def _corrected(view: View, trial: Trial) -> tuple[float, float, float]:
     sizes = [float(np.trace(view.covariance[k : k + 3, k : k + 3])) / 3.0 for k in (0, 3)]
     covariance = np.diag(np.repeat(np.maximum(sizes, 1e-12), 3))
     matches = view.matches[trial.image]
-    rays = _usable(matches, trial.eyes)
+    rays = _usable(matches, trial.models)
     if len(rays[0]) < LEAST_MATCHES // 2:
         return np.inf, np.inf, 0.0
-    focal = (trial.eyes[0].focal, trial.eyes[1].focal)
+    focal = (trial.models[0].focal, trial.models[1].focal)
     seen = find_consensus(*rays, t_cf, covariance, MatchNoise(focal, SIGMA, LIMIT))
-    left = epipolar_residuals(matches, *trial.eyes, seen.t_cf)
+    left = epipolar_residuals(matches, *trial.models, seen.t_cf)
     xi = se3_log(pose_inverse(t_cf) @ seen.t_cf)
     moved = float(xi @ np.linalg.solve(covariance, xi))
     cost = INDEPENDENT * float(np.mean(np.minimum(left, LIMIT) ** 2)) + moved
@@ -247,7 +247,7 @@ def _falls(views: list[View], given: Trial, trial: Trial) -> str:
 
 def _residual(views: list[View], trial: Trial) -> float:
     found = [
-        epipolar_residuals(v.matches[trial.image], *trial.eyes, trial.t_cf(v))
+        epipolar_residuals(v.matches[trial.image], *trial.models, trial.t_cf(v))
         for v in views
         if _fits(v, trial)
     ]
@@ -257,24 +257,24 @@ def _residual(views: list[View], trial: Trial) -> float:
 def _front(views: list[View], trial: Trial) -> float:
     """Share of the points of views that lie in front of both cameras under a trial."""
     return share_in_front(
-        [in_front(v.matches[trial.image], *trial.eyes, trial.t_cf(v)) for v in views if _fits(v, trial)]
+        [in_front(v.matches[trial.image], *trial.models, trial.t_cf(v)) for v in views if _fits(v, trial)]
     )
 
 
 def _expected(views: list[View], trial: Trial) -> float:
     """Median residual that the covariance of T_CF and a pixel's own leave, px."""
     sizes = []
-    focal = (trial.eyes[0].focal, trial.eyes[1].focal)
+    focal = (trial.models[0].focal, trial.models[1].focal)
     for view in views:
-        rays = _usable(view.matches[0], trial.eyes)
+        rays = _usable(view.matches[0], trial.models)
         jacobian = _core.epipolar_residuals(*rays, trial.t_cf(view), focal).jacobian
         sizes.append(np.einsum("ni,ij,nj->n", jacobian, view.covariance, jacobian))
     return float(_HALF_NORMAL * np.median(np.sqrt(np.concatenate(sizes) + SIGMA**2)))
 
 
-def _usable(matches: Matches, eyes: tuple[Eye, Eye]) -> tuple[Array, Array]:
+def _usable(matches: Matches, models: tuple[MirroredCamera, MirroredCamera]) -> tuple[Array, Array]:
     """Unit rays of the matches that have one in both cameras."""
-    rays = [eye.rays(uv) for eye, uv in zip(eyes, matches, strict=True)]
+    rays = [model.rays(uv) for model, uv in zip(models, matches, strict=True)]
     usable = np.all([np.isfinite(r).all(axis=1) for r in rays], axis=0)
     a, b = (r[usable] / np.linalg.norm(r[usable], axis=1, keepdims=True) for r in rays)
     return a, b
@@ -282,9 +282,9 @@ def _usable(matches: Matches, eyes: tuple[Eye, Eye]) -> tuple[Array, Array]:
 
 def _asked(view: View, trial: Trial) -> Verdict | None:
     """What the images of a view say of T_CF under a trial."""
-    eyes = trial.eyes
-    rays = _usable(view.matches[trial.image], eyes)
-    return ask_images(*rays, trial.t_cf(view), view.covariance, (eyes[0].focal, eyes[1].focal))
+    models = trial.models
+    rays = _usable(view.matches[trial.image], models)
+    return ask_images(*rays, trial.t_cf(view), view.covariance, (models[0].focal, models[1].focal))
 
 
 def _error(views: list[View], verdicts: list[Verdict | None]) -> WornError | None:

@@ -101,11 +101,11 @@ def _sentences(reports: Mapping[str, CalibrationReport]) -> list[str]:
 
 def _write(recording: Recording, path: Path, name: str) -> bool:
     """Find what all views of a person share, say it, and write it; whether there was anything to write."""
-    from collabslam.checks.worn_bias.recorded import lasting_error
+    from collabslam.checks.worn_bias.recorded import time_correlated_error
     from collabslam.checks.worn_bias.report import believed, rows, sentences
     from collabslam.runs.report import text_table
 
-    found = lasting_error(recording)
+    found = time_correlated_error(recording)
     if found is None:
         print("No view of Cf shares enough points with Cs on its path: nothing is written.")
         return False

@@ -44,9 +44,9 @@ def main(arguments: argparse.Namespace) -> int:
     """Send until the camera ends or Ctrl-C."""
     from collabslam.datasets.ros.sensors import read_sensors
     from collabslam.live import link
-    from collabslam.live.cameras import PlayedRecording, open_camera
+    from collabslam.live.cameras import RecordingPlayback, open_camera
+    from collabslam.live.monotonic_clock import MonotonicClock
     from collabslam.live.sending import send_all, send_sensors
-    from collabslam.live.steady import SteadyClock
     from collabslam.live.worn import WornDevice
 
     keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
@@ -55,8 +55,8 @@ def main(arguments: argparse.Namespace) -> int:
     name = arguments.name or (keys.name if keys is not None else "worn")
     camera = open_camera(arguments.source, arguments.camera, arguments.topics)
     calibration = camera.camera
-    if isinstance(camera, PlayedRecording):
-        camera.clock = SteadyClock()
+    if isinstance(camera, RecordingPlayback):
+        camera.clock = MonotonicClock()
         camera.play(name)
         calibration = camera.recording.worn_camera or calibration
     with (

@@ -302,7 +302,7 @@ def share(text: str) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"'{text}' is no share; give 0 to 1, or 0% to 100%")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a share; give 0 to 1, or 0% to 100%")
     return value
 
 
@@ -312,7 +312,7 @@ def intervals(text: str) -> list[tuple[float, float]]:
         pairs = [tuple(float(x) for x in part.split("-")) for part in text.split(",")]
         return [(a, b) for a, b in pairs]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' are no intervals; give seconds as 0-2,5-7.5") from None
+        raise argparse.ArgumentTypeError(f"'{text}' are not intervals; give seconds as 0-2,5-7.5") from None
 
 
 def noise(text: str) -> tuple[float, ...]:
@@ -322,7 +322,7 @@ def noise(text: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) != 4:
-        raise argparse.ArgumentTypeError(f"'{text}' is no noise; give four numbers as 0.03,0.5,0.5,1")
+        raise argparse.ArgumentTypeError(f"'{text}' is not noise; give four numbers as 0.03,0.5,0.5,1")
     return values
 
 
@@ -379,7 +379,7 @@ def topics(text: str) -> dict[str, str]:
     """``cs=/a,cf=/b`` as a dictionary."""
     pairs = [part.partition("=")[::2] for part in text.split(",")]
     if not all(role and topic for role, topic in pairs):
-        raise argparse.ArgumentTypeError(f"'{text}' are no topics; give ROLE=TOPIC, as cs=/cam0/image_raw")
+        raise argparse.ArgumentTypeError(f"'{text}' are not topics; give ROLE=TOPIC, as cs=/cam0/image_raw")
     return dict(pairs)
 
 
@@ -416,5 +416,5 @@ def seed_list(text: str) -> list[int]:
     except ValueError:
         seeds = []
     if not seeds or min(seeds) < 0:
-        raise argparse.ArgumentTypeError(f"'{text}' are no seeds; give 0-4 or 0,2,5")
+        raise argparse.ArgumentTypeError(f"'{text}' are not seeds; give 0-4 or 0,2,5")
     return seeds

@@ -80,7 +80,7 @@ def _is_closed(number: int) -> bool:
 
 @contextlib.contextmanager
 def quiet_pipes() -> Iterator[None]:
-    """Closed pipes are no error while the block runs: work goes on, and its exit status is its own.
+    """Closed pipes are not an error while the block runs: work goes on, and its exit status is its own.
 
     Nor are standard streams that were closed before the program began, as ``>&-`` does.
 

@@ -400,7 +400,7 @@ def load_extrinsics(path: Path) -> Array:
     Raises
     ------
     DataError
-        If the key is missing or is no rigid pose.
+        If the key is missing or is not a rigid pose.
     """
     t_bs = read_calibration(path).t_bs
     if t_bs is None:
@@ -429,7 +429,7 @@ def load_rig(path: Path, topics: tuple[str, str] = ("", "")) -> tuple[Camera, Ar
     Raises
     ------
     DataError
-        If the file is no camchain of two cameras, or the transform is missing or not rigid.
+        If the file is not a camchain of two cameras, or the transform is missing or not rigid.
     """
     placed: dict[str, Array] = {}
     shifts: dict[str, float] = {}

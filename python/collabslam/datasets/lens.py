@@ -100,7 +100,7 @@ def lens(
     Raises
     ------
     DataError
-        If the model is not known or lacks its coefficients, or numbers are no camera's.
+        If the model is not known or lacks its coefficients, or numbers are not a camera's.
     """
     name = model.strip().lower()
     kind = "omni" if name == "omni" else MODELS.get(name)

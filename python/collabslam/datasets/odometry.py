@@ -48,8 +48,8 @@ class OdometryGiven:
         """(4, 4), maps points of C into B, metres; raises DataError where only a bag's tf could say it."""
         if self.frames is not None:
             raise DataError(
-                f"The odometry of {self.source} is no topic of a bag, whose tf would say where Cs sits; give "
-                "x,y,z (metres)."
+                f"The odometry of {self.source} is not a topic of a bag, whose tf would say where Cs sits; "
+                "give x,y,z (metres)."
             )
         return mounted(self.mount)
 

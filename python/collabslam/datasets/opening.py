@@ -208,6 +208,6 @@ def _odometry(path: Path, given: OdometryGiven) -> Odometry:
     if bag_recording.matches(path):
         return read_odometry_topic(path, given)
     raise DataError(
-        f"There is no file {file} with odometry, and {path} is no bag with such a topic; give a CSV file: "
+        f"There is no file {file} with odometry, and {path} is not a bag with such a topic; give a CSV file: "
         "stamp, vx, vy, vz, wx, wy, wz."
     )

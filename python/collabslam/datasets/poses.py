@@ -38,7 +38,7 @@ FARTHEST = 1e9
 
 
 def number_fields(fields: Iterable[str], where: str) -> list[float]:
-    """Fields as floats; DataError naming ``where`` if one is no number."""
+    """Fields as floats; DataError naming ``where`` if one is not a number."""
     try:
         return [float(x) for x in fields]
     except ValueError as error:
@@ -63,11 +63,11 @@ def rigid(matrix: Array, where: str) -> Array:
         return np.full((4, 4), np.nan)
     check_position(matrix[:3, 3], where)
     if float(np.max(np.abs(matrix[:3, :3]))) > 2.0:
-        raise DataError(f"{where} is not a rigid pose (its 3x3 is no rotation); check its numbers' order.")
+        raise DataError(f"{where} is not a rigid pose (its 3x3 is not a rotation); check its numbers' order.")
     rotation = nearest_rotation(matrix[:3, :3])
     if float(np.max(np.abs(rotation - matrix[:3, :3]))) > _ROTATION_TOLERANCE:
         raise DataError(
-            f"{where} is not a rigid pose (its 3x3 is no rotation); check the order of its numbers."
+            f"{where} is not a rigid pose (its 3x3 is not a rotation); check the order of its numbers."
         )
     return pose(rotation, matrix[:3, 3])
 

@@ -81,9 +81,9 @@ class RecordingWriter:
     Raises
     ------
     InputError
-        If a camera is no `Camera`, ``t_bc`` no pose, or a name is no name of a folder.
+        If a camera is no `Camera`, ``t_bc`` no pose, or a name is not a name of a folder.
     DataError
-        If the folder exists (without ``overwrite``, or when it is no recording), or cannot be written.
+        If the folder exists (without ``overwrite``, or when it is not a recording), or cannot be written.
     """
 
     def __init__(
@@ -450,7 +450,7 @@ def _free(out: Path, overwrite: bool) -> Path:
         raise DataError(f"The folder {out} exists already; give another one or ask to overwrite it.")
     if occupied and not (out / "recording.yaml").is_file():
         raise DataError(
-            f"The folder {out} is no recording of this layout and is not overwritten; give another one."
+            f"The folder {out} is not a recording of this layout and is not overwritten; give another one."
         )
     return out
 

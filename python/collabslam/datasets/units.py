@@ -59,7 +59,7 @@ def read_stamps(
     Raises
     ------
     DataError
-        If one is no number, or all fit no unit, naming the line.
+        If one is not a number, or all fit no unit, naming the line.
     """
     texts = list(texts)
     stamps = [
@@ -142,8 +142,8 @@ def _unit(stamps: list[Decimal], where: str, usual: str | None, longest: float) 
     by_rate = next((u for u, p in UNITS.items() if step * 10.0**p <= longest), None)
     if by_rate is None:
         raise DataError(
-            f"The stamps of {where} are {step:g} apart, which is no camera's rate in any unit; write them in "
-            "seconds."
+            f"The stamps of {where} are {step:g} apart, which is not a camera's rate in any unit; write them "
+            "in seconds."
         )
     return by_rate
 

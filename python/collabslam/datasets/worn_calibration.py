@@ -1,4 +1,4 @@
-"""What was found of the worn camera's lasting error and of its clock: a file to open a recording with.
+"""What was found of the worn camera's time-correlated error and clock: a file to open a recording with.
 
 A file is YAML, with the correction along C's axes (METHOD section 26)::
 
@@ -53,7 +53,7 @@ class WornCalibration:
     correction : (6,) float64
         Along C's axes: ``t + c[:3]`` metres, ``Exp(c[3:]) R`` radians.
     covariance : (6, 6) float64
-        Of what is left of the lasting error in the directions that were told; 0 in all others.
+        Of what is left of the time-correlated error in the directions that were told; 0 in all others.
     clock : float
         Seconds after its stamp that a view was taken.
     clock_sd : float
@@ -111,7 +111,7 @@ class WornCalibration:
         Raises
         ------
         DataError
-            If it is no such file, or holds what cannot be.
+            If it is not such a file, or holds what cannot be.
         """
         with read_keys(path) as keys:
             if (keys.take("format"), keys.take("version")) != (FORMAT, VERSION):

@@ -58,7 +58,7 @@ def array_of(value: ArrayLike, shape: tuple[int, ...], name: str, *, finite: boo
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"The {name} is no array of numbers; give {shape} numbers.") from error
+        raise InputError(f"The {name} is not an array of numbers; give {shape} numbers.") from error
     if array.shape != shape or (finite and not np.isfinite(array).all()):
         raise InputError(f"The {name} has the shape {array.shape} or is not finite; give {shape} numbers.")
     return array

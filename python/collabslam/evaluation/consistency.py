@@ -41,7 +41,7 @@ def nees(errors: ArrayLike, covariances: ArrayLike) -> Array:
     ----------
     errors : (N, d) array
     covariances : (N, d, d) array
-        `RESOLUTION` squared is added to the diagonal, so that a certain pose is no division by zero.
+        `RESOLUTION` squared is added to the diagonal, so that a certain pose is not a division by zero.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def nees(errors: ArrayLike, covariances: ArrayLike) -> Array:
 def sharpness(errors: ArrayLike, covariances: ArrayLike) -> float:
     """Root mean square error over the root mean square standard deviation that was claimed.
 
-    1 is honest, more is overconfident, less is overcautious.  Where NEES is a mean of ratios, this is a ratio
+    expected 1, more is overconfident, less is overcautious.  Where NEES is a mean of ratios, this is a ratio
     of means: a covariance that is much too large in some poses cannot hide behind others.
 
     Parameters

@@ -131,7 +131,7 @@ def _decode(data: bytes, kind: str, version: int, classes: Sequence[type]) -> An
 
 
 def _foreign(kind: str) -> str:
-    return f"is no {kind} of collabslam; give one."
+    return f"is not {'an' if kind[0] in 'aeiou' else 'a'} {kind} of collabslam; give one."
 
 
 def _newer(found: Any, known: int) -> str:

@@ -77,7 +77,9 @@ def require_regular(path: Path, mode: int | None = None) -> None:
         except OSError:
             return
     if not stat.S_ISREG(mode):
-        raise DataError(f"{path} is no regular file (a pipe, a device or a folder); give a file on a disk.")
+        raise DataError(
+            f"{path} is not a regular file (a pipe, a device or a folder); give a file on a disk."
+        )
 
 
 def remove_parts(folder: Path, names: Iterable[str]) -> None:
@@ -188,7 +190,7 @@ class LineFile:
 
 
 def _check_replaceable(path: Path) -> None:
-    """Raises DataError if something that is no regular file is in a file's place."""
+    """Raises DataError if something that is not a regular file is in a file's place."""
     if path.exists() and not path.is_file():
         raise DataError(
             f"The file {path} cannot be written (a folder, a pipe or a device is in its place); give another "

@@ -13,7 +13,7 @@ from collabslam.settings.frontend import DetectSettings
 from collabslam.types import Array, Image, Mask
 
 Hidden = Callable[[Array], Mask]
-"""Which pixels (N, 2) show what is no landmark."""
+"""Which pixels (N, 2) show what is not a landmark."""
 
 
 def hidden_by_any(hiding: Sequence[Hidden]) -> Hidden | None:
@@ -103,7 +103,7 @@ class Corners:
     border : int
         Pixels along the image's edge without corners.
     hidden : callable, optional
-        Which pixels show what is no landmark: there are no corners there.
+        Which pixels show what is not a landmark: there are no corners there.
     halve : bool, optional
         Whether to look at half resolution; where the image is wide enough unless given.
     """

@@ -108,14 +108,14 @@ def global_motion(previous: FlowImage, now: FlowImage) -> Array:
         np.eye(2, 3, dtype=np.float32),
         np.array([[1, 0, shift[0]], [0, 1, shift[1]]], dtype=np.float32),
     ]
-    scores = [_likeness(a, b, start) for start in starts]
+    scores = [_similarity(a, b, start) for start in starts]
     best = starts[int(np.argmax(scores))]
     score = max(scores)
     try:
         stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 1e-3)
         _, refined = cv2.findTransformECC(a, b, best.copy(), cv2.MOTION_EUCLIDEAN, stop)
         turned = np.asarray(refined, dtype=np.float32)
-        if _likeness(a, b, turned) > score:
+        if _similarity(a, b, turned) > score:
             best = turned
     except cv2.error:  # the alignment did not converge: the shift stands
         pass
@@ -137,10 +137,10 @@ def _best_shift(x: Small, y: Small) -> tuple[float, float]:
     product = cv2.matchTemplate(wide_y, x, cv2.TM_CCORR)
     energy_a = cv2.matchTemplate(wide_ones, x * x, cv2.TM_CCORR)
     energy_b = cv2.matchTemplate(wide_y * wide_y, ones, cv2.TM_CCORR)
-    likeness = product / np.sqrt(np.maximum(energy_a * energy_b, 1e-3))
-    # A small overlap is alike by chance more often: its likeness counts less.
-    likeness = np.where(count >= _MIN_OVERLAP * x.size, likeness * np.sqrt(count / x.size), -1.0)
-    v, u = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
+    similarity = product / np.sqrt(np.maximum(energy_a * energy_b, 1e-3))
+    # A small overlap is alike by chance more often: its similarity counts less.
+    similarity = np.where(count >= _MIN_OVERLAP * x.size, similarity * np.sqrt(count / x.size), -1.0)
+    v, u = np.unravel_index(int(np.argmax(similarity)), similarity.shape)
     return float(u) - pad_u, float(v) - pad_v
 
 
@@ -161,7 +161,7 @@ def _grid(shape: tuple[int, int]) -> Small:
     return grid
 
 
-def _likeness(a: Small, b: Small, motion: Small) -> float:
+def _similarity(a: Small, b: Small, motion: Small) -> float:
     """Correlation of the part that two small images share under a motion; -1 if they share too little."""
     v, u = _grid(a.shape)
     (a00, a01, t0), (a10, a11, t1) = motion

@@ -35,7 +35,7 @@ def followed_points(
         How far the camera should have turned in between, a rotation vector along its axes, radians.
     settings : FlowSettings
     hidden : callable, optional
-        Which pixels show what is no landmark, of both images.
+        Which pixels show what is not a landmark, of both images.
 
     Returns
     -------

@@ -128,36 +128,36 @@ def match_descriptors(
     if len(views) == 0 or corners.shape[1] == 0 or owner[-1] < 1:
         return nothing, nothing
     first = np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]])
-    likeness = np.full((corners.shape[1], len(first)), -np.inf, dtype=np.float32)
+    similarity = np.full((corners.shape[1], len(first)), -np.inf, dtype=np.float32)
     for at_scale in corners:
         by_view = at_scale @ views.T
-        np.maximum(likeness, np.maximum.reduceat(by_view, first, axis=1), out=likeness)
+        np.maximum(similarity, np.maximum.reduceat(by_view, first, axis=1), out=similarity)
     if near is not None:
-        likeness[~near] = -np.inf
-    best = likeness.argmax(axis=1)
+        similarity[~near] = -np.inf
+    best = similarity.argmax(axis=1)
     rows = np.arange(len(best))
-    top = np.partition(likeness, likeness.shape[1] - 2, axis=1)
+    top = np.partition(similarity, similarity.shape[1] - 2, axis=1)
     distance, second = (np.sqrt(np.maximum(2.0 - 2.0 * top[:, k], 1e-12)) for k in (-1, -2))
-    mutual = likeness.argmax(axis=0)[best] == rows
+    mutual = similarity.argmax(axis=0)[best] == rows
     good = np.flatnonzero(mutual & (distance < ratio * second) & (distance < max_distance))
     good = good[np.argsort(distance[good] / second[good], kind="stable")]
     return best[good].astype(np.int64), good.astype(np.int64)
 
 
-def votes(likeness: NDArray[np.float32]) -> int:
+def votes(similarity: NDArray[np.float32]) -> int:
     """How many of two sets of descriptors (unit vectors) are each other's nearest, and near.
 
     Parameters
     ----------
-    likeness : (N, M) float32
+    similarity : (N, M) float32
         Products of the descriptors of both sets.
     """
-    if not likeness.size:
+    if not similarity.size:
         return 0
-    best = likeness.argmax(axis=1)
+    best = similarity.argmax(axis=1)
     rows = np.arange(len(best))
-    mutual = likeness.argmax(axis=0)[best] == rows
-    near = likeness[rows, best] > 1.0 - 0.5 * MAX_DISTANCE**2
+    mutual = similarity.argmax(axis=0)[best] == rows
+    near = similarity[rows, best] > 1.0 - 0.5 * MAX_DISTANCE**2
     return int((mutual & near).sum())
 
 

@@ -21,7 +21,7 @@ _GATE = 3.0
 _FAR = 2.0  # standard deviations at which a match counts as another place than the expected one
 
 
-class Seen(NamedTuple):
+class VisibleLandmarks(NamedTuple):
     """Points of Cs with a depth.
 
     Attributes
@@ -53,7 +53,7 @@ def far_from(place: Array, uv: Array, spread: Array) -> Mask:
     return np.asarray(np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0]) > _FAR**2)
 
 
-def surface_around(uv: Array, known: Seen, width: int) -> Seen:
+def surface_around(uv: Array, known: VisibleLandmarks, width: int) -> VisibleLandmarks:
     """How far away points are if they are on the surface of the landmarks around them.
 
     That is of the three nearest, or, where one of these is far off, of the nine nearest (`_AROUND`).
@@ -62,14 +62,14 @@ def surface_around(uv: Array, known: Seen, width: int) -> Seen:
     ----------
     uv : (N, 2) float64
         Pixels in Cs.
-    known : Seen
+    known : VisibleLandmarks
         Landmarks in view; their sd says also by how much a surface differs beside them.
     width : int
         Of Cs's image, pixels.
 
     Returns
     -------
-    Seen
+    VisibleLandmarks
         NaN where there are not as many landmarks near, or these are of no one surface.
     """
     rho, sd = np.full(len(uv), np.nan), np.full(len(uv), np.nan)
@@ -86,9 +86,9 @@ def surface_around(uv: Array, known: Seen, width: int) -> Seen:
         rho[one] = 0.5 * (low + high)[one]
         sd[one] = (known.sd[nearest].max(axis=1) + (high - low) / (2.0 * _GATE))[one]
         asked |= near
-    return Seen(uv, rho, sd)
+    return VisibleLandmarks(uv, rho, sd)
 
 
-def unlike(new: Seen, around: Seen) -> Mask:
+def unlike(new: VisibleLandmarks, around: VisibleLandmarks) -> Mask:
     """(N,) bool: which points are not as far away as what is around them, by 3 standard deviations."""
     return np.asarray(np.abs(new.rho - around.rho) > _GATE * np.hypot(new.sd, around.sd))

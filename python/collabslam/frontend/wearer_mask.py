@@ -1,4 +1,4 @@
-"""Where the robot sees whoever wears Cf: a person who walks is no landmark (T_CF says where they are)."""
+"""Where the robot sees whoever wears Cf: a person who walks is not a landmark (T_CF says where they are)."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ from collabslam.frontend.describe import DESCRIPTORS, SUPPORT, Descriptors, desc
 from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import inverse_ranges, skews
 from collabslam.frontend.patch import SIZE, inverse_maps, limits
-from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike
+from collabslam.frontend.plausible import VisibleLandmarks, far_from, surface_around, unlike
 from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
 from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
 from collabslam.frontend.worn_size import LEAST, ask_size
@@ -433,14 +433,16 @@ class _Matcher:
         out = np.zeros(len(index), np.bool_)
         free, of_map = np.flatnonzero(~self.known[index]), np.flatnonzero(self.known)
         uv, rays = self.uv_s[index[free]], self.rays_s[index[free]]
-        landmarks = Seen(self.uv_s[of_map], self.rho[of_map], self.rho_sd[of_map])
+        landmarks = VisibleLandmarks(self.uv_s[of_map], self.rho[of_map], self.rho_sd[of_map])
         around = surface_around(uv, landmarks, self.image_s.shape[1])
         t = consensus.t_cf[:3, 3]
         matched = inverse_ranges(rays, self.camera_f.unproject(place[free]), consensus.t_cf)
         there = (rays - np.nan_to_num(around.rho)[:, None] * t) @ consensus.t_cf[:3, :3]
         seen = self.camera_f.project(there)
         shown = seen.visible & self._in_picture(seen.uv)
-        out[free] = ~shown & unlike(Seen(uv, matched, self._triangulated_sd(rays, consensus)), around)
+        out[free] = ~shown & unlike(
+            VisibleLandmarks(uv, matched, self._triangulated_sd(rays, consensus)), around
+        )
         return out
 
 

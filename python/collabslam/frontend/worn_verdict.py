@@ -104,8 +104,8 @@ def contradicted(against: Sequence[float] | Array) -> bool:
 def contradicted_lately(against: Sequence[float] | Array) -> bool:
     """Whether most of the last views that say something contradict T_CF, each by itself.
 
-    What was right before is no defence of a T_CF, or of a calibration, that is wrong from some time on: of a
-    camera that zooms.
+    What was right before is not a defence of a T_CF, or of a calibration, that is wrong from some time on: of
+    a camera that zooms.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ def checked(event: Any) -> Event:
         told = (event.session, event.stamp, event.image, event.t_cf, event.covariance, event.bias)
         view = live_view(*told)
         return view if event.own is None else _with_own(view, event.own)
-    raise InputError(f"A {type(event).__name__} is no event; push one of collabslam.live.core.Event.")
+    raise InputError(f"A {type(event).__name__} is not an event; push one of collabslam.live.core.Event.")
 
 
 def _with_own(view: LiveView, own: Any) -> LiveView:
@@ -105,7 +105,7 @@ def _array(value: Any, shape: tuple[int, ...], name: str) -> Array | None:
     try:
         array = np.array(value, np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"The {name} is no array of numbers; give one of the shape {shape}.") from None
+        raise InputError(f"The {name} is not an array of numbers; give one of the shape {shape}.") from None
     if array.shape != shape:
         raise InputError(f"The {name} has the shape {array.shape}; give {shape}.")
     return array

@@ -16,10 +16,10 @@ from collabslam.datasets.ros.sensors import WornSensors, bag_sensors
 from collabslam.datasets.source import Source
 from collabslam.datasets.wrapped import OnlyPersons
 from collabslam.errors import DataError, SettingsError
-from collabslam.live.played import PlayedSensors
+from collabslam.live.frame_source import CapturedImage, LiveCamera
+from collabslam.live.monotonic_clock import MonotonicClock
+from collabslam.live.playback import SensorPlayback
 from collabslam.live.sensed import SensorTaker
-from collabslam.live.shots import LiveCamera, Shot
-from collabslam.live.steady import SteadyClock
 from collabslam.live.wheels import WheelTopic
 from collabslam.types import Array, Image, Odometry, Recording, worn_cameras
 
@@ -45,7 +45,7 @@ class DeviceCamera:
     t_bc = None
 
     def __init__(self, source: str, calibration: Path) -> None:
-        self.name, self.camera, self.clock = "camera", load_camera(calibration), SteadyClock()
+        self.name, self.camera, self.clock = "camera", load_camera(calibration), MonotonicClock()
         self._source = source
         number = source.removeprefix("/dev/video")
         self._capture = cv2.VideoCapture(int(number)) if number.isdigit() else cv2.VideoCapture(source)
@@ -64,7 +64,7 @@ class DeviceCamera:
     def drive(self, take: Callable[[float, Array, Array], None]) -> None:
         """No odometry comes with its images."""
 
-    def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
+    def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
         """Each image as grey."""
         failed = 0
         try:
@@ -82,12 +82,12 @@ class DeviceCamera:
                         image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8
                     )
                     check_resolution(self.camera, grey, f"of {self._source}")
-                    yield Shot(t, grey)
+                    yield CapturedImage(t, grey)
         finally:
             self._capture.release()
 
 
-class PlayedRecording:
+class RecordingPlayback:
     """A recording at its own pace; this machine's clock shows the recording's time meanwhile.
 
     Parameters
@@ -102,7 +102,7 @@ class PlayedRecording:
         self._odometry: Odometry | None = getattr(recording, "odometry", None)
         self.t_bc = None if self._odometry is None else self._odometry.t_bc
         self._drive: Callable[[float, Array, Array], None] | None = None
-        self._sensors: PlayedSensors | None = None
+        self._sensors: SensorPlayback | None = None
         self.name, self.camera = recording.name, recording.camera
         self.begin()
 
@@ -125,15 +125,15 @@ class PlayedRecording:
 
     def begin(self) -> None:
         """The first frame comes `LEAD` seconds from now."""
-        self.clock = SteadyClock(float(self.recording.times[0]) - LEAD)
+        self.clock = MonotonicClock(float(self.recording.times[0]) - LEAD)
 
     def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
         """The bag's own sensors, at their times."""
         if self._bag is None:
             raise DataError(
-                "The recording is no bag with topics of scans and attitudes; leave --sensors out."
+                "The recording is not a bag with topics of scans and attitudes; leave --sensors out."
             )
-        self._sensors = PlayedSensors(bag_sensors(Bag(self._bag), sensors), taker)
+        self._sensors = SensorPlayback(bag_sensors(Bag(self._bag), sensors), taker)
 
     def drive(self, take: Callable[[float, Array, Array], None]) -> None:
         """The recording's own odometry."""
@@ -149,7 +149,7 @@ class PlayedRecording:
         """Sensors up to a time; when the next one is."""
         return float("inf") if self._sensors is None else self._sensors.up_to(t)
 
-    def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
+    def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
         """Each frame at its time."""
         driven = 0
         for i, t in enumerate(self.recording.times.tolist()):
@@ -158,7 +158,7 @@ class PlayedRecording:
             if ended():
                 return
             driven = self._driven(driven, t)
-            yield Shot(t, frame.image)
+            yield CapturedImage(t, frame.image)
 
     def _driven(self, first: int, t: float) -> int:
         """Odometry from the first sample on up to a time; which is the next."""
@@ -212,4 +212,4 @@ def open_camera(
     path = Path(source)
     odometry = None if wheels is None else wheels.given
     given = Given(calibration, topics=topics or {}, odometry=odometry)
-    return PlayedRecording(Source(path, given).open(), path)
+    return RecordingPlayback(Source(path, given).open(), path)

@@ -77,7 +77,7 @@ class ClockEstimator:
         self._kept: deque[Exchange] = deque(maxlen=WINDOW)
         self._outliers: list[Exchange] = []
         self._line: _Line | None = None
-        self._lasting = 0.0
+        self._time_correlated = 0.0
 
     def add(self, exchange: Exchange) -> bool:
         """Take an exchange; False if it cannot have been, or contradicts what is known."""
@@ -99,7 +99,7 @@ class ClockEstimator:
         if self._line is None:
             return None
         offset, variance = self._line.at(stamp)
-        return stamp + offset, math.sqrt(variance + self._lasting)
+        return stamp + offset, math.sqrt(variance + self._time_correlated)
 
     @property
     def drift(self) -> float:
@@ -110,7 +110,7 @@ class ClockEstimator:
         if self._line is None:
             return False
         expected, variance = self._line.at(exchange.returned)
-        slack = 0.5 * exchange.delay + 4.0 * math.sqrt(variance + self._lasting)
+        slack = 0.5 * exchange.delay + 4.0 * math.sqrt(variance + self._time_correlated)
         return abs(exchange.offset - expected) > slack
 
     def _fit(self) -> None:
@@ -127,4 +127,4 @@ class ClockEstimator:
         )
         precision = spread + DRIFT_SD**-2
         self._line = _Line(middle, start + mean, product / precision, (1.0 / total, 0.0, 1.0 / precision))
-        self._lasting = fastest**2 / 12.0
+        self._time_correlated = fastest**2 / 12.0

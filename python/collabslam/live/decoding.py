@@ -25,7 +25,7 @@ def view_image(image: Image | bytes, camera: Camera) -> Image:
     Raises
     ------
     DataError
-        If it is no image, or not the calibration's, scaled.
+        If it is not an image, or not the calibration's, scaled.
     InputError
         For an array of another type or size.
     """
@@ -33,7 +33,7 @@ def view_image(image: Image | bytes, camera: Camera) -> Image:
         return check_grey(image, camera, "worn image")
     header = read_header(image)
     if header is None or not _scaled(header.width, header.height, camera):
-        raise DataError("The view is no image of the calibration's size, or of a smaller one.")
+        raise DataError("The view is not an image of the calibration's size, or of a smaller one.")
     grey = decode(image, "of a view")
     if grey.shape == (camera.height, camera.width):
         return grey

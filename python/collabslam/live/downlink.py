@@ -12,7 +12,7 @@ import numpy as np
 from collabslam.live import link, messages, names
 from collabslam.live.core import LivePose
 from collabslam.slam.engine import Slam
-from collabslam.slam.worn import looking
+from collabslam.slam.worn import view_planning
 
 STATUS_EVERY, MAP_EVERY, VIEW_EVERY = 0.5, 2.0, 0.3
 """Seconds between two messages of a kind."""
@@ -60,7 +60,7 @@ class Downlink:
             self._out[names.POSE_MAP].put(in_map)
         self._place(pose)
         if self._is_due(names.STATUS, STATUS_EVERY):
-            self._out[names.STATUS].put(status_of(pose, facts, devices, looks_of(pose, slam)))
+            self._out[names.STATUS].put(status_of(pose, facts, devices, view_plans_of(pose, slam)))
         if self._is_due(names.MAP, MAP_EVERY) and step.started and self._wanted(names.MAP):
             self._out[names.MAP].put(messages.cloud(step.t, slam.landmarks().points))
         if self._is_due(names.VIEW, VIEW_EVERY) and self._wanted(names.VIEW):
@@ -100,12 +100,12 @@ def status_of(
     pose: LivePose,
     facts: Mapping[str, Any],
     devices: Mapping[str, Any],
-    looks: Mapping[str, Mapping[str, Any]] | None = None,
+    plans: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> bytes:
     """The robot's status and that of each device as one message.
 
     Where to look stands with the robot if there is one worn camera, with each person's device otherwise, as
-    ``looks`` has it by name.
+    ``plans`` has it by name.
     """
     step = pose.step
     sd = np.sqrt(np.clip(np.diag(step.covariance), 0.0, None))
@@ -120,27 +120,27 @@ def status_of(
         "accepted": step.diagnostics.get("accepted", 0),
         "cf_matches": step.diagnostics.get("cf_matches", 0),
         "ms": f"{step.diagnostics.get('ms_total', 0.0):.1f}",
-        **({} if any(pose.links) else _look(step.diagnostics)),
+        **({} if any(pose.links) else _view_plan(step.diagnostics)),
         **facts,
     }
     entries = {"robot": (step.status.value, step.status.value, values)}
     for name, report in devices.items():
         rounded = {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in report.items()}
-        rounded |= _look((looks or {}).get(name, {}))
+        rounded |= _view_plan((plans or {}).get(name, {}))
         entries[name] = ("OK", pose.links.get(name, pose.link), rounded)
     return messages.status(step.t, entries)
 
 
-def looks_of(pose: LivePose, slam: Slam) -> dict[str, dict[str, Any]]:
+def view_plans_of(pose: LivePose, slam: Slam) -> dict[str, dict[str, Any]]:
     """Where each of several persons should look, in a run that says so."""
-    if not any(pose.links) or looking.DIAGNOSTICS[0] not in pose.step.diagnostics:
+    if not any(pose.links) or view_planning.DIAGNOSTICS[0] not in pose.step.diagnostics:
         return {}
-    return {name: looking.counts(slam.where_to_look(name)) for name in pose.links}
+    return {name: view_planning.counts(slam.next_best_view(name)) for name in pose.links}
 
 
-def _look(diagnostics: Mapping[str, Any]) -> dict[str, str]:
+def _view_plan(diagnostics: Mapping[str, Any]) -> dict[str, str]:
     """Where the person should look, in a run that says so, as far as it is known now."""
-    values = {name: float(diagnostics.get(name, np.nan)) for name in looking.DIAGNOSTICS}
+    values = {name: float(diagnostics.get(name, np.nan)) for name in view_planning.DIAGNOSTICS}
     return {name: f"{value:.4g}" for name, value in values.items() if np.isfinite(value)}
 
 

@@ -15,9 +15,9 @@ from collabslam.errors import DataError, InputError
 from collabslam.geometry import pose_from_quaternion
 from collabslam.live import link, messages, names
 from collabslam.live.clock import ClockEstimator, Exchange
+from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.pace import Pace
-from collabslam.live.steady import SteadyClock
-from collabslam.slam.worn.looking import DIAGNOSTICS
+from collabslam.slam.worn.view_planning import DIAGNOSTICS
 from collabslam.types import Array
 
 WIDTHS = {10_000: (480, 0.5), 7_000: (400, 0.45), 5_000: (320, 0.4)}
@@ -29,7 +29,7 @@ _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 """From WebXR's camera (y up, looking along -z) to ours."""
 LARGEST_SIDE = 4096
 """Pixels of a side of an image."""
-MAP_POINTS, WAY = 400, 2000
+MAP_POINTS, TRAJECTORY = 400, 2000
 """Points of the map, and of the way, that a page is told."""
 BEAT = 0.5
 """Seconds after which a page is told something even if nothing has changed."""
@@ -53,11 +53,11 @@ class Gateway:
         self._out = {part: link.publisher(session, names.key(name, part)) for part in names.PARTS}
         self.pace = Pace()
         self.robot_clock = ClockEstimator()
-        self.clock = SteadyClock()
+        self.clock = MonotonicClock()
         self._taken = threading.Lock()
         self._change = threading.Condition()
         self._facts: dict[str, Any] = {}
-        self._way: list[list[float]] = []
+        self._trajectory: list[list[float]] = []
         self._persons: dict[str, list[float]] = {}
         self._count = 0
         self._picture: tuple[int, bytes] = (0, b"")
@@ -155,7 +155,7 @@ class Gateway:
             _, pose, covariance = messages.pose_from(payload, key)
             with self._change:
                 self._count += 1
-                self._way = [*self._way[-WAY:], seen_from_above(pose, covariance)]
+                self._trajectory = [*self._trajectory[-TRAJECTORY:], seen_from_above(pose, covariance)]
                 self._change.notify_all()
 
     def _worn_pose(self, key: str, payload: bytes) -> None:
@@ -201,8 +201,8 @@ class Watch:
                 if left <= 0.0 or not of._change.wait(left):
                     break
             facts: dict[str, Any] = dict(of._facts)
-            if of._way:
-                facts |= {"way": list(of._way)} if self._count < 0 else {"point": of._way[-1]}
+            if of._trajectory:
+                facts |= {"way": list(of._trajectory)} if self._count < 0 else {"point": of._trajectory[-1]}
             self._count = of._count
             number, data = of._picture
         picture = data if number != self._picture else None

@@ -15,7 +15,7 @@ from collabslam.errors import CollabslamError, DataError
 from collabslam.extras import needs
 from collabslam.formats.ros_odometry import CAMERA, MAP, WORLD, odometry_message
 from collabslam.live.clock import Exchange
-from collabslam.live.steady import nanoseconds, seconds
+from collabslam.live.monotonic_clock import nanoseconds, seconds
 from collabslam.types import Array, Image
 from collabslam.worn_pose import LaserScan
 

@@ -58,7 +58,7 @@ def device_of(expression: str) -> tuple[str, str]:
     above, _, rest = expression.partition(f"{WORN}/")
     name, _, part = rest.partition("/")
     if above or not _NAME.fullmatch(name) or part not in PARTS:
-        raise DataError(f"The key {expression[:80]!r} is no device's; write to {WORN}/NAME/PART.")
+        raise DataError(f"The key {expression[:80]!r} is not a device's; write to {WORN}/NAME/PART.")
     return name, part
 
 

@@ -71,7 +71,7 @@ class Pace:
             self._level, self._run = max(self._level - 1, 0), 0
 
 
-class Way:
+class Transport:
     """Whether images go as datagrams or in order; as datagrams while most of them arrive.
 
     Where ten percent of the packets are lost in bursts, two images of three arrive as datagrams, all at once;

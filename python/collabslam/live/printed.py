@@ -104,9 +104,9 @@ class PrintedPoses:
             both = shared(frame.seen, of_cf)
             if not both:
                 continue
-            found = [(*between(cs, cf), lasting) for cs, cf, lasting in both]
-            t_cf, covariance, lasting = min(found, key=lambda f: float(np.linalg.slogdet(f[1])[1]))
-            return WornView(worn_image, t_cf, covariance, lasting, frame.t, name)
+            found = [(*between(cs, cf), time_correlated) for cs, cf, time_correlated in both]
+            t_cf, covariance, time_correlated = min(found, key=lambda f: float(np.linalg.slogdet(f[1])[1]))
+            return WornView(worn_image, t_cf, covariance, time_correlated, frame.t, name)
         return None
 
 

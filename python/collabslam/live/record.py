@@ -18,7 +18,7 @@ from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.live import messages
 from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
-from collabslam.live.steady import nanoseconds
+from collabslam.live.monotonic_clock import nanoseconds
 from collabslam.live.views import LiveView, OwnPose, sender_of
 from collabslam.runs.results import jsonable
 from collabslam.targets.kinds import Board, Tag
@@ -160,7 +160,7 @@ class EventReader:
     Raises
     ------
     DataError
-        If it is no such bag, or broken.
+        If it is not such a bag, or broken.
     """
 
     def __init__(self, path: Path) -> None:
@@ -168,7 +168,9 @@ class EventReader:
         self._path = path
         topics = {t.name for t in self._bag.topics}
         if PLAN not in topics:
-            raise DataError(f"The bag {path} is no record of a live run; 'collabslam run' reads other bags.")
+            raise DataError(
+                f"The bag {path} is not a record of a live run; 'collabslam run' reads other bags."
+            )
         _, message = next(self._bag.messages(PLAN, messages.TEXT))
         try:
             self.plan = LivePlan(**json.loads(message.data))

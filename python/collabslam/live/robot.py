@@ -14,13 +14,13 @@ from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.errors import CollabslamError, DataError, SettingsError
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live import link, messages, names
-from collabslam.live.cameras import PlayedRecording
+from collabslam.live.cameras import RecordingPlayback
 from collabslam.live.core import Event, LivePose
 from collabslam.live.downlink import Downlink
+from collabslam.live.frame_source import LiveCamera
 from collabslam.live.printed import make_slam
 from collabslam.live.record import EventWriter, LivePlan
 from collabslam.live.results import ENGINE, LiveResults
-from collabslam.live.shots import LiveCamera
 from collabslam.live.slam import LiveSlam
 from collabslam.live.uplink import Uplink
 from collabslam.runs.folder import claim, locked
@@ -156,8 +156,8 @@ class RobotNode:
         """Images until there are no more; what ended them, and whether that was Ctrl-C."""
         error, interrupted = None, False
         try:
-            for shot in self._camera.shots(lambda: False):
-                live.push_robot(shot.t, shot.image)
+            for captured in self._camera.images(lambda: False):
+                live.push_robot(captured.t, captured.image)
         except KeyboardInterrupt:
             interrupted = True
         except CollabslamError as fault:
@@ -228,7 +228,7 @@ def worn_calibrations(options: RobotOptions, camera: LiveCamera, uplink: Uplink)
     SettingsError
         If sensors are to tell T_CF of several persons, or a calibration is given of somebody else.
     """
-    played = worn_cameras(camera.recording) if isinstance(camera, PlayedRecording) else {}
+    played = worn_cameras(camera.recording) if isinstance(camera, RecordingPlayback) else {}
     known = {**played, **options.worn_cameras}
     if not known and not options.persons and _is_alone(options):
         return {}

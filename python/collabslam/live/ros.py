@@ -19,7 +19,7 @@ from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages, names
 from collabslam.live.core import LivePose
-from collabslam.live.downlink import MAP_EVERY, STATUS_EVERY, looks_of, status_of, worn_poses
+from collabslam.live.downlink import MAP_EVERY, STATUS_EVERY, status_of, view_plans_of, worn_poses
 from collabslam.live.ros_types import image_kind, message_class, stamped_image, subscribe
 from collabslam.live.ros_worn import TF, RosWorn, Take, WornTopics, check_own
 from collabslam.live.slam import LiveSlam
@@ -237,7 +237,7 @@ class RosNode:
             unposed = sum((Counter(worn.unposed) for worn in self._worn.values()), Counter())
             dropped |= {f"no pose: {k}": v for k, v in unposed.items()}
             persons: dict[str, dict[str, float]] = {name: {} for name in self._worn if name}
-            self._out["status"].publish(status_of(pose, dropped, persons, looks_of(pose, live.slam)))
+            self._out["status"].publish(status_of(pose, dropped, persons, view_plans_of(pose, live.slam)))
         if step.started and self._is_due("map", MAP_EVERY):
             self._out["map"].publish(messages.cloud(step.t, live.slam.landmarks().points))
 

@@ -14,10 +14,10 @@ from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
+from collabslam.live.frame_source import CapturedImage
+from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
 from collabslam.live.sensed import SensorTaker, sensor_topics
-from collabslam.live.shots import Shot
-from collabslam.live.steady import SteadyClock
 from collabslam.live.wheels import WheelSamples, WheelTopic
 from collabslam.types import Array, Image
 
@@ -29,7 +29,7 @@ WAITING = 4
 """Images that wait to be taken; the oldest gives way."""
 
 
-class SystemClock(SteadyClock):
+class SystemClock(MonotonicClock):
     """The system's time, by which ROS stamps what it sends."""
 
     def now(self) -> float:
@@ -116,7 +116,7 @@ class RosCamera:
     def begin(self) -> None:
         """The clock is the system's."""
 
-    def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
+    def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
         """Each image when it comes, until ``ended()``.
 
         Raises
@@ -128,7 +128,7 @@ class RosCamera:
             while not ended():
                 self._spin_until(lambda: bool(self._images) or ended(), f"No image came on {self._topic}")
                 while self._images:
-                    yield Shot(*self._images.popleft())
+                    yield CapturedImage(*self._images.popleft())
         finally:
             self._close()
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.errors import SettingsError
-from collabslam.live.cameras import DeviceCamera, PlayedRecording
-from collabslam.live.shots import LiveCamera
-from collabslam.live.steady import SteadyClock
+from collabslam.live.cameras import DeviceCamera, RecordingPlayback
+from collabslam.live.frame_source import LiveCamera
+from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.worn import WornDevice
 from collabslam.types import Array, Frame, Image
 from collabslam.worn_pose import AhrsReading, LaserScan
@@ -28,14 +28,14 @@ def send_all(device: WornDevice, camera: LiveCamera, ended: Callable[[], bool]) 
     DataError
         If the camera delivers no more.
     """
-    if isinstance(camera, PlayedRecording):
+    if isinstance(camera, RecordingPlayback):
         _follow(device, camera, ended)
         return
     last = -float("inf")
-    for shot in camera.shots(ended):
-        if shot.t - last >= _EARLY / device.pace.level.rate:
-            device.send(shot.t, shot.image)
-            last = shot.t
+    for captured in camera.images(ended):
+        if captured.t - last >= _EARLY / device.pace.level.rate:
+            device.send(captured.t, captured.image)
+            last = captured.t
 
 
 def send_sensors(device: WornDevice, camera: LiveCamera, sensors: WornSensors) -> None:
@@ -50,14 +50,14 @@ def send_sensors(device: WornDevice, camera: LiveCamera, sensors: WornSensors) -
     """
     if isinstance(camera, DeviceCamera):
         raise SettingsError("A camera has no AHRS; give SOURCE as ros:TOPIC, or leave --sensors out.")
-    played = isinstance(camera, PlayedRecording)
+    played = isinstance(camera, RecordingPlayback)
     camera.hear(sensors, _Retimed(device, camera.clock) if played else device)
 
 
 class _Retimed:
     """Sends a recording's readings with stamps by the device's clock."""
 
-    def __init__(self, device: WornDevice, clock: SteadyClock) -> None:
+    def __init__(self, device: WornDevice, clock: MonotonicClock) -> None:
         self._device, self._clock = device, clock
 
     def scan(self, scan: LaserScan) -> None:
@@ -70,7 +70,7 @@ class _Retimed:
         return self._device.stamp_at(t, self._clock.now())
 
 
-def _follow(device: WornDevice, camera: PlayedRecording, ended: Callable[[], bool]) -> None:
+def _follow(device: WornDevice, camera: RecordingPlayback, ended: Callable[[], bool]) -> None:
     """Plays the moment that the robot plays."""
     while not device.wait_for_robot(0.2):
         if ended():

@@ -31,7 +31,7 @@ FASTEST = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _PastSighting:
     """A sighting, and where the phone was then, after which way, at which time."""
 
     sighting: Sighting
@@ -44,7 +44,7 @@ class OwnWorld:
     """One session of a phone: the way it went, and which targets it saw from where."""
 
     def __init__(self) -> None:
-        self._seen: dict[Tag | Board | None, deque[_Seen]] = {}
+        self._seen: dict[Tag | Board | None, deque[_PastSighting]] = {}
         self._own: OwnPose | None = None
         self._way, self._t = 0.0, 0.0
 
@@ -58,7 +58,7 @@ class OwnWorld:
         self._own, self._t = own, t
         for sighting in seen:
             kept = self._seen.setdefault(sighting.target, deque(maxlen=KEPT))
-            kept.append(_Seen(sighting, own, self._way, t))
+            kept.append(_PastSighting(sighting, own, self._way, t))
 
     def sightings(self) -> list[tuple[Sighting, Array | None]]:
         """Where the phone is now to each target that it ever saw, and what of the covariance (6, 6) lasts.
@@ -67,7 +67,7 @@ class OwnWorld:
         """
         return [min(map(self._now, kept), key=_volume) for kept in self._seen.values()]
 
-    def _now(self, seen: _Seen) -> tuple[Sighting, Array | None]:
+    def _now(self, seen: _PastSighting) -> tuple[Sighting, Array | None]:
         assert self._own is not None
         if seen.own is self._own:
             return seen.sighting, None
@@ -76,10 +76,12 @@ class OwnWorld:
         apart = seen.sighting.covariance + seen.own.covariance
         way, minutes = self._way - seen.way, abs(self._t - seen.t) / 60.0
         drift = np.diag([(WAY_SD * way) ** 2] * 3 + [TURN_SD**2 * minutes] * 3)
-        lasting = back @ apart @ back.T + drift
-        lasting = 0.5 * (lasting + lasting.T)
+        time_correlated = back @ apart @ back.T + drift
+        time_correlated = 0.5 * (time_correlated + time_correlated.T)
         t_tc = seen.sighting.t_tc @ moved
-        return replace(seen.sighting, t_tc=t_tc, covariance=lasting + self._own.covariance), lasting
+        return replace(
+            seen.sighting, t_tc=t_tc, covariance=time_correlated + self._own.covariance
+        ), time_correlated
 
 
 def _volume(found: tuple[Sighting, Array | None]) -> float:
@@ -104,4 +106,6 @@ def shared(
 ) -> list[tuple[Sighting, Sighting, Array | None]]:
     """Sightings of the same target from both cameras, and what lasts of the second one's covariance."""
     by_target = {s.target: s for s in of_cs}
-    return [(by_target[s.target], s, lasting) for s, lasting in of_cf if s.target in by_target]
+    return [
+        (by_target[s.target], s, time_correlated) for s, time_correlated in of_cf if s.target in by_target
+    ]

@@ -9,8 +9,8 @@ from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.live import link, messages, names
 from collabslam.live.clock import ClockEstimator, Exchange
-from collabslam.live.pace import Encoder, Pace, Way
-from collabslam.live.steady import SteadyClock
+from collabslam.live.monotonic_clock import MonotonicClock
+from collabslam.live.pace import Encoder, Pace, Transport
 from collabslam.types import Array, Image
 from collabslam.worn_pose import AhrsReading, LaserScan
 from collabslam.worn_pose.readings import Wearer
@@ -35,12 +35,12 @@ class WornDevice:
         Of the device, as in its certificate.
     camera : Camera
         Calibration of Cf.
-    clock : SteadyClock
+    clock : MonotonicClock
         By which views are stamped.
     """
 
-    def __init__(self, session: Any, name: str, camera: Camera, clock: SteadyClock) -> None:
-        self.pace, self.way = Pace(), Way()
+    def __init__(self, session: Any, name: str, camera: Camera, clock: MonotonicClock) -> None:
+        self.pace, self.transport = Pace(), Transport()
         self.robot_clock = ClockEstimator()
         self.sent = 0
         self.session = names.new_session(names.device_name(name))
@@ -80,7 +80,7 @@ class WornDevice:
     def send(self, t: float, image: Image, pose: tuple[Array, Array] | None = None) -> None:
         """An image of Cf taken at ``t`` seconds by the clock; T_CF and its covariance where known."""
         jpeg = self._encoder.encode(image, self.pace.level.size)
-        out = self._datagrams if self.way.datagrams(self.sent) else self._out
+        out = self._datagrams if self.transport.datagrams(self.sent) else self._out
         if pose is not None:
             out[names.T_CF].put(messages.pose(t, "cs_optical", *pose))
         out[names.IMAGE].put(messages.compressed_image(t, self.session, jpeg))
@@ -95,7 +95,7 @@ class WornDevice:
             return
         self._last_attitude[reading.where] = reading.t
         part = names.ATTITUDE if reading.where == "worn" else names.ROBOT_ATTITUDE
-        out = self._datagrams if self.way.datagrams(self.sent) else self._out
+        out = self._datagrams if self.transport.datagrams(self.sent) else self._out
         out[part].put(messages.attitude(reading.t, self.session, reading.q_xyzw))
 
     def scan(self, scan: LaserScan) -> None:
@@ -129,7 +129,7 @@ class WornDevice:
                 if self.sent == done:
                     continue
                 done = self.sent
-            if self.way.datagrams(done) and link.has_datagrams(self._zenoh):
+            if self.transport.datagrams(done) and link.has_datagrams(self._zenoh):
                 continue
             before = 0.0
             for at in BEATS:
@@ -170,7 +170,7 @@ class WornDevice:
             own = messages.status_from(payload).get(self._name)
             if own is not None:
                 images = float(own["images"])
-                self.way.report(self._clock.now(), self.sent, int(images))
+                self.transport.report(self._clock.now(), self.sent, int(images))
                 if "age_median_ms" in own:
                     self.pace.report(float(own["age_median_ms"]) / 1e3, images)
         except (DataError, KeyError, ValueError):

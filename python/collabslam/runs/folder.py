@@ -118,7 +118,7 @@ def unwritable(folder: Path, error: OSError) -> DataError:
 
 
 def _name_latest(folder: Path) -> None:
-    """Points the link beside the folder to it; what is no link of ours is left alone."""
+    """Points the link beside the folder to it; what is not a link of ours is left alone."""
     link = folder.absolute().parent / LATEST
     beside = link.with_name(f".{LATEST}.{os.getpid()}.part")
     with contextlib.suppress(OSError):

@@ -33,8 +33,8 @@ LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
     ("final position error", lambda s: _with_share(s["final_position_error_m"], s["final_error_pct"])),
     ("ATE of frames with a pose", lambda s: _with_share(s["ate_rmse_m"], s["ate_pct"])),
     ("scale error", lambda s: number(s["scale_error"], 1, "%", 100.0)),
-    ("NEES position, attitude", lambda s: _pair(s, "nees", 1, " (3 is honest)")),
-    ("error over claimed sd", lambda s: _pair(s, "sharpness", 2, " (1 is honest)")),
+    ("NEES position, attitude", lambda s: _pair(s, "nees", 1, " (expected 3)")),
+    ("error over claimed sd", lambda s: _pair(s, "sharpness", 2, " (expected 1)")),
     ("features a frame", lambda s: number(s["features_per_frame"], 1)),
     ("loops found", lambda s: _loops(s)),
     ("overlap", lambda s: number(s["overlap_ratio"], 0, "%", 100.0)),
@@ -143,7 +143,7 @@ def median_of(summaries: Sequence[Summary], key: str) -> float | None:
 
 
 def median_summary(summaries: Sequence[Summary]) -> dict[str, Any]:
-    """One summary whose numbers are the medians over runs; what is no number is the first run's."""
+    """One summary whose numbers are the medians over runs; what is not a number is the first run's."""
     first = summaries[0]
     out: dict[str, Any] = dict(first)
     for key, value in first.items():

@@ -89,7 +89,7 @@ DIAGNOSTICS = (
     "births_depth",
     "births_delayed",
     "births_undelayed",
-    "candidates_strayed",
+    "candidates_off_arc",
     "candidates_fixed",
     "deleted",
     "map_size",

@@ -28,7 +28,7 @@ class RunFolder:
     Raises
     ------
     DataError
-        If it is no result folder; the methods, if a file of it is missing or broken.
+        If it is not a result folder; the methods, if a file of it is missing or broken.
     """
 
     path: Path
@@ -36,7 +36,7 @@ class RunFolder:
     def __post_init__(self) -> None:
         if not is_result_folder(self.path):
             raise DataError(
-                f"{self.path} is no result folder of collabslam; give what a run wrote (see --out)."
+                f"{self.path} is not a result folder of collabslam; give what a run wrote (see --out)."
             )
 
     def trajectory(self) -> tuple[Array, Array, Array]:

@@ -164,7 +164,7 @@ class WornSettings:
         "born. 0 if nobody wears it.",
         "Set it to 0.3 where the person who wears Cf walks in view of Cs.",
     )
-    where_to_look: bool = _flag(
+    next_best_view: bool = _flag(
         False,
         "Say after each frame where the person who wears Cf should look next.",
         "Switch it on to guide a person, or to see in frames.csv what a better view would have told.",

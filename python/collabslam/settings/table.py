@@ -249,7 +249,7 @@ def parse_assignments(texts: list[str]) -> dict[str, Any]:
         key, sign, value = assignment.partition("=")
         if not sign or not key.strip():
             raise SettingsError(
-                f"'{assignment}' is no setting; write key=value, as in "
+                f"'{assignment}' is not a setting; write key=value, as in "
                 "filter.process.acceleration_density=0.5."
             )
         try:

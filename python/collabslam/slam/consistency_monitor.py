@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import FilterSettings, Outcomes, UpdateReport, chi2_quantile
+from collabslam._core import FilterSettings, MeasurementOutcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
 from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
 from collabslam.slam.map.size import MapSize
@@ -114,11 +114,11 @@ class ConsistencyMonitor(PersistentState):
         self._matches = _last(self._matches, [refused, found], _LAST)
         self._noise = _last(self._noise, [report.nis, report.dof], _LAST)
         # What strays by x times what is allowed passes in one direction of x; a landmark has passed twice.
-        passed = float((change.strayed**-2.0).sum())
-        ended = len(change.delayed) + len(change.strayed)
+        passed = float((change.off_arc**-2.0).sum())
+        ended = len(change.delayed) + len(change.off_arc)
         self._births = _last(self._births, [passed, ended], _LAST_BIRTHS)
 
-    def _take_worn(self, overlaps: list[tuple[Overlap, Outcomes | None]]) -> None:
+    def _take_worn(self, overlaps: list[tuple[Overlap, MeasurementOutcomes | None]]) -> None:
         looked = {seen.number: (seen, outcomes) for seen, outcomes in overlaps if seen.points}
         worn = {}
         for number in sorted({*self._worn, *looked}):

@@ -24,8 +24,8 @@ from collabslam.slam.map.saved_map import SavedMap
 from collabslam.slam.parts import Parts
 from collabslam.slam.starts import check_start
 from collabslam.slam.state import persistent_parts
-from collabslam.slam.submaps.whole_map import whole_way
-from collabslam.slam.worn.looking import Look
+from collabslam.slam.submaps.whole_map import submap_poses
+from collabslam.slam.worn.view_planning import ViewPlan
 from collabslam.targets.kinds import Board, Tag
 from collabslam.types import Array, Image, Imu, Target, WornView
 
@@ -68,7 +68,7 @@ class Slam:
     SettingsError
         If the mode or the start does not exist or lacks what it needs.
     InputError
-        If ``t_bc`` is no pose.
+        If ``t_bc`` is not a pose.
     """
 
     def __init__(  # noqa: PLR0913 (each is an input of its own)
@@ -309,11 +309,11 @@ class Slam:
         return dict(self._parts.late.dropped)
 
     @alone
-    def where_to_look(self, who: str | None = None) -> Look | None:
+    def next_best_view(self, who: str | None = None) -> ViewPlan | None:
         """Where the person who wears Cf should look next, as far as pose and scale are concerned (METHOD 24).
 
         Cf is taken to be where its last view was taken from, relative to Cs.  It takes a millisecond or two
-        and changes nothing.  With the setting ``frontend.worn.where_to_look`` the diagnostics of each frame
+        and changes nothing.  With the setting ``frontend.worn.next_best_view`` the diagnostics of each frame
         have it.
 
         Parameters
@@ -323,7 +323,7 @@ class Slam:
 
         Returns
         -------
-        Look or None
+        ViewPlan or None
             None before the start, while LOST, before the first view of Cf, and where no view would help.
 
         Raises
@@ -333,7 +333,7 @@ class Slam:
         """
         if who is not None and who not in self._parts.worn_cameras:
             raise InputError(f"There is no worn camera {who!r}; take one of worn_cameras.")
-        return self._parts.looking.ask(0 if who is None else self._parts.worn.number(who))
+        return self._parts.view_planner.ask(0 if who is None else self._parts.worn.number(who))
 
     @alone
     def landmarks(self) -> Landmarks:
@@ -350,7 +350,7 @@ class Slam:
         FilterError
             If rounding has spoilt a covariance.
         """
-        return whole_way(self._parts.submaps.chain())
+        return submap_poses(self._parts.submaps.chain())
 
     @alone
     def between_submaps(self, first: int, second: int) -> tuple[Array, Array]:
@@ -422,7 +422,7 @@ class Slam:
 
 
 def _stamp(t: Any) -> float:
-    """A time stamp as a float; raises InputError if it is no number."""
+    """A time stamp as a float; raises InputError if it is not a number."""
     try:
         return float(t)
     except (TypeError, ValueError, OverflowError) as error:

@@ -17,19 +17,19 @@ from collabslam.frontend.followed import followed_points
 from collabslam.frontend.patch import SIZE
 from collabslam.results import FrameFeatures, PlacedCamera, StepResult
 from collabslam.slam.consistency_monitor import NOTHING
+from collabslam.slam.frame_outcome import FrameOutcome
 from collabslam.slam.map_change import MapChange
-from collabslam.slam.outcome import Outcome
 from collabslam.slam.parts import Parts
 from collabslam.slam.stage_times import StageTimes
 from collabslam.slam.tracking.blank_image import FROZEN
 from collabslam.slam.tracking.depth_input import Depths
-from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.late_views import Views
-from collabslam.slam.worn.looking import counts as look_counts
 from collabslam.slam.worn.overlap import Overlap
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.slam.worn.tags import overlaps
+from collabslam.slam.worn.view_planning import counts as view_counts
 from collabslam.types import Image, Status
 
 
@@ -61,7 +61,7 @@ class FrameLoop:
         """One frame, its image judged by `BlankImageDetector` and its views of Cf due."""
         core, parts, times = self._filter, self._parts, StageTimes()
         for one in worn:
-            parts.looking.saw(parts.worn.number(one.who), one)
+            parts.view_planner.saw(parts.worn.number(one.who), one)
         core.predict(t)
         followed = core.followed_odometry
         if blank:
@@ -92,7 +92,7 @@ class FrameLoop:
         parts.relocaliser.forget(change.deleted)
         if recovered is None:
             parts.size.take(overlap, core.pose)
-        outcome = Outcome(
+        outcome = FrameOutcome(
             view,
             expected,
             found,
@@ -129,14 +129,14 @@ class FrameLoop:
             hiding.append(self._parts.fixed.hides)
         return hidden_by_any(hiding)
 
-    def _overlap(self, view: View, found: Found, missing: int) -> Overlaps:
+    def _overlap(self, view: View, found: TrackingResult, missing: int) -> Overlaps:
         """What the worn cameras see of the frame (METHOD 7.4); ``missing`` is what it lacks of features."""
         if view.lost:
             return Overlaps()
         parts = self._parts
         return overlaps(parts.late, parts.worn, parts.printed, view, found, missing)
 
-    def _update(self, found: Found, overlap: Overlaps, depths: Depths) -> UpdateReport:
+    def _update(self, found: TrackingResult, overlap: Overlaps, depths: Depths) -> UpdateReport:
         """The batch test and the update (METHOD 7.5 to 7.7)."""
         return self._filter.update(
             found.searched,
@@ -154,7 +154,7 @@ class FrameLoop:
         pass for the scene.
         """
         parts, now = self._parts, self._parts.tracks.last_image
-        trusted = parts.monitor.unbroken and parts.doubts.standing() == NOTHING
+        trusted = parts.monitor.unbroken and parts.consistency_monitor.standing() == NOTHING
         if not (view.started and trusted) or last is None or now is None:
             return False
         turn = self._filter.angular_velocity * (view.t - last[0])
@@ -181,10 +181,10 @@ class FrameLoop:
         worn: Mapping[str, PlacedCamera],
     ) -> StepResult:
         core, metric, scale_sd = self._filter, self._parts.start.metric, self._filter.scale_sd
-        look = {}
-        if self._options.worn.where_to_look:
-            look = look_counts(self._parts.looking.ask(0))
-            times.done("look")
+        plan = {}
+        if self._options.worn.next_best_view:
+            plan = view_counts(self._parts.view_planner.ask(0))
+            times.done("view_planning")
         pose_map, covariance_map = self._parts.submaps.place()
         sizes = {"map_size": core.map_size, "candidates": core.candidate_count}
         return StepResult(
@@ -198,7 +198,7 @@ class FrameLoop:
             scale_sd=scale_sd if metric and scale_sd is not None else math.inf,
             pose_map=pose_map,
             covariance_map=covariance_map,
-            diagnostics={**counts, **look, **sizes, **times.all()},
+            diagnostics={**counts, **plan, **sizes, **times.all()},
             worn=worn,
             features=features,
         )

@@ -59,7 +59,7 @@ class MapChange:
         First patch of each feature that was born with depth of a frame before this one.
     deleted : (D,) int64
         Features that the filter has deleted.
-    strayed : (S,) float64
+    off_arc : (S,) float64
         Of each candidate given up as it is where no point at rest would be: by how many times as much as
         noise and the poses allow, more than 1.
     fixed : (F, 2) float64
@@ -74,7 +74,7 @@ class MapChange:
     candidates: ImagePoints = field(default_factory=ImagePoints)
     earlier: Mapping[int, Patch] = field(default_factory=dict)
     deleted: Ids = field(default_factory=lambda: np.empty(0, np.int64))
-    strayed: Array = field(default_factory=lambda: np.empty(0))
+    off_arc: Array = field(default_factory=lambda: np.empty(0))
     fixed: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
@@ -95,7 +95,7 @@ class MapChange:
             "births_depth": len(self.measured),
             "births_delayed": len(self.delayed),
             "births_undelayed": len(self.undelayed) + len(self.promoted),
-            "candidates_strayed": len(self.strayed),
+            "candidates_off_arc": len(self.off_arc),
             "candidates_fixed": len(self.fixed),
             "deleted": len(self.deleted),
         }

@@ -25,8 +25,8 @@ from collabslam.slam.tracking.fixed_content import FixedContent
 from collabslam.slam.tracking.tracks import Tracks
 from collabslam.slam.verdict import Verdict
 from collabslam.slam.worn.late_views import LateViews
-from collabslam.slam.worn.looking import Looking
 from collabslam.slam.worn.matcher import WornMatcher
+from collabslam.slam.worn.view_planning import ViewPlanner
 from collabslam.types import Target, person_name
 
 
@@ -93,7 +93,7 @@ class Parts:
         self.depth = DepthInput()
         self.worn = WornMatcher(core, camera, worn_cameras, settings)
         self.late = LateViews(core, camera, self.worn, self.tracks, settings)
-        self.looking = Looking(core, self.monitor, options.worn.min_matches)
+        self.view_planner = ViewPlanner(core, self.monitor, options.worn.min_matches)
         self.map = MapManager(core, settings, self.printed, self.start)
         self.size = MapSize()
         self.submaps = Submaps(core, camera, settings.filter.pixel.sigma_cs, options)
@@ -118,11 +118,11 @@ class Parts:
             restart=restart,
             size=self.size,
         )
-        self.doubts = ConsistencyMonitor(settings.filter, self.size)
+        self.consistency_monitor = ConsistencyMonitor(settings.filter, self.size)
         self.verdict = Verdict(
             core,
             monitor=self.monitor,
-            doubts=self.doubts,
+            consistency_monitor=self.consistency_monitor,
             relocaliser=self.relocaliser,
             submaps=self.submaps,
         )

@@ -15,16 +15,16 @@ from collabslam.settings.table import STATE as SETTINGS_STATE
 from collabslam.settings.table import Settings
 from collabslam.slam.map.saved_map import SavedMap
 from collabslam.slam.parts import Parts
-from collabslam.slam.recovery.map_aside import MapAside
+from collabslam.slam.recovery.inactive_map import InactiveMap
 from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.submaps.chain import Submap
 from collabslam.slam.submaps.loop_search import Wanted
 from collabslam.slam.worn.late_views import KeptFrame
 from collabslam.types import Target, WornView
 
-KIND, VERSION = "engine state", 15
+KIND, VERSION = "engine state", 16
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
-CLASSES = (KeptFrame, Loop, MapAside, Patch, Submap, Target, Wanted, WornView)
+CLASSES = (KeptFrame, Loop, InactiveMap, Patch, Submap, Target, Wanted, WornView)
 """Dataclasses that are in it."""
 STATE = fields(
     camera=check_camera,

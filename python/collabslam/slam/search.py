@@ -7,7 +7,7 @@ from collabslam.frontend.search import GATE
 from collabslam.settings.frontend import SearchSettings
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.targets.in_map import PrintedTargets
-from collabslam.slam.tracking.tracks import Found, Tracks
+from collabslam.slam.tracking.tracks import TrackingResult, Tracks
 from collabslam.slam.view import View
 
 
@@ -48,7 +48,9 @@ class FrameSearch:
         variance = expected.s.diagonal(axis1=1, axis2=2).max(axis=1, initial=0.0)
         return expected.subset(GATE**2 * variance <= self._settings.max_radius**2)
 
-    def search(self, view: View, expected: Prediction, *, followed: bool) -> tuple[Prediction, Found, bool]:
+    def search(
+        self, view: View, expected: Prediction, *, followed: bool
+    ) -> tuple[Prediction, TrackingResult, bool]:
         """What was expected, what the image shows of it, and whether ``followed`` wheels slipped."""
         found = self._look(view, expected)
         least = self._monitor.min_inliers(len(found.searched))
@@ -56,11 +58,13 @@ class FrameSearch:
             return self._after_slip(view, expected, found)
         return expected, found, False
 
-    def _look(self, view: View, expected: Prediction) -> Found:
+    def _look(self, view: View, expected: Prediction) -> TrackingResult:
         found = self._tracks.search(view, self._filter.pose, expected, self._filter.predict_conditional)
         return self._printed.place(view, expected, found)
 
-    def _after_slip(self, view: View, expected: Prediction, found: Found) -> tuple[Prediction, Found, bool]:
+    def _after_slip(
+        self, view: View, expected: Prediction, found: TrackingResult
+    ) -> tuple[Prediction, TrackingResult, bool]:
         """The search as if the wheels may have slipped, if it explains the image; else the one before."""
         self._filter.distrust_odometry()
         wider = self.expected(view)

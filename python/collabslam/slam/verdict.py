@@ -6,7 +6,7 @@ from typing import Any
 
 from collabslam._core import Filter
 from collabslam.slam.consistency_monitor import NOTHING, ConsistencyMonitor
-from collabslam.slam.outcome import Outcome
+from collabslam.slam.frame_outcome import FrameOutcome
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.submaps.submaps import Submaps
@@ -20,7 +20,7 @@ class Verdict:
     ----------
     core : Filter
     monitor : StatusMonitor
-    doubts : ConsistencyMonitor
+    consistency_monitor : ConsistencyMonitor
     relocaliser : Relocaliser
     submaps : Submaps
     """
@@ -30,14 +30,14 @@ class Verdict:
         core: Filter,
         *,
         monitor: StatusMonitor,
-        doubts: ConsistencyMonitor,
+        consistency_monitor: ConsistencyMonitor,
         relocaliser: Relocaliser,
         submaps: Submaps,
     ) -> None:
-        self._filter, self._monitor, self._consistency = core, monitor, doubts
+        self._filter, self._monitor, self._consistency = core, monitor, consistency_monitor
         self._relocaliser, self._submaps = relocaliser, submaps
 
-    def of(self, outcome: Outcome) -> tuple[Status, dict[str, Any]]:
+    def of(self, outcome: FrameOutcome) -> tuple[Status, dict[str, Any]]:
         """The status of a frame, and its diagnostics ``degraded_by`` and ``loops``."""
         view, change = outcome.view, outcome.change
         status = self._judge(

@@ -67,7 +67,7 @@ class Tag:
             raise
         except ValueError:
             raise InputError(
-                f"'{text}' is no tag; give its set, number and side in metres, as 36h11:3=0.16."
+                f"'{text}' is not a tag; give its set, number and side in metres, as 36h11:3=0.16."
             ) from None
 
     def corners(self) -> Array:
@@ -90,7 +90,7 @@ class Board:
     Raises
     ------
     InputError
-        If it is no such board.
+        If it is not such a board.
     """
 
     columns: int
@@ -118,7 +118,7 @@ class Board:
             raise
         except ValueError:
             raise InputError(
-                f"'{text}' is no board; give its inner corners and the side of a square in metres, as "
+                f"'{text}' is not a board; give its inner corners and the side of a square in metres, as "
                 "7x5:0.03."
             ) from None
 

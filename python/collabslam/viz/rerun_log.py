@@ -33,7 +33,7 @@ COLOURS = {
     "not searched": (130, 130, 130),
 }
 CS, CF, TRUTH = (29, 111, 165), (242, 177, 50), (200, 200, 200)
-LOOK, LOOP = (60, 200, 90), (42, 157, 111)
+NEXT_VIEW, LOOP = (60, 200, 90), (42, 157, 111)
 STATUS = {"OK": 3.0, "DEGRADED": 2.0, "COASTING": 1.0, "LOST": 0.0}
 UNIX_STAMPS = 1e8
 PLANE = 0.4
@@ -65,7 +65,7 @@ class Viewed(Protocol):
     filter: Any
 
     def landmarks(self) -> Any: ...
-    def where_to_look(self) -> Any: ...
+    def next_best_view(self) -> Any: ...
     def submaps(self) -> Any: ...
 
 
@@ -141,12 +141,12 @@ class RerunLog:
         views = {view.who: view for view in frame.views}
         for number, name in enumerate(self._worn_cameras):
             self._worn(number, name, views.get(name), step, engine)
-        if "look_gain" in step.diagnostics:
-            self._look(step.pose, engine.where_to_look())
+        if "next_view_gain" in step.diagnostics:
+            self._next_view(step.pose, engine.next_best_view())
         if frame.index % _EVERY == 0:
             self._map(engine.landmarks())
         if step.diagnostics.get("loops"):
-            self._way(engine.submaps())
+            self._submap_poses(engine.submaps())
 
     def _put(self, path: str, *what: Any, static: bool = False) -> None:
         self._log.log(path, *what, static=static)
@@ -233,29 +233,29 @@ class RerunLog:
             u0, v0, u1, v1 = roi
             self._put(box, rr.Boxes2D(mins=[[u0, v0]], sizes=[[u1 - u0, v1 - v0]], colors=[colour]))
 
-    def _look(self, pose: Array, look: Any) -> None:
+    def _next_view(self, pose: Array, plan: Any) -> None:
         """An arrow of a metre from Cf to where it should look, and the place where more would be gained."""
         rr = self._rr
-        if look is None:
-            self._clear("world/look", "world/stand")
+        if plan is None:
+            self._clear("world/next_view", "world/stand")
             return
-        view, place = pose @ look.t_cf, pose[:3, :3] @ look.stand_at + pose[:3, 3]
-        label = f"look here: {look.gain:.2f} nats"
-        arrow = rr.Arrows3D(origins=[view[:3, 3]], vectors=[view[:3, 2]], colors=[LOOK], labels=[label])
-        self._put("world/look", arrow)
-        label = f"stand here: {look.stand_gain:.2f} nats"
-        self._put("world/stand", rr.Points3D([place], radii=0.05, colors=[LOOK], labels=[label]))
+        view, place = pose @ plan.t_cf, pose[:3, :3] @ plan.stand_at + pose[:3, 3]
+        label = f"look here: {plan.gain:.2f} nats"
+        arrow = rr.Arrows3D(origins=[view[:3, 3]], vectors=[view[:3, 2]], colors=[NEXT_VIEW], labels=[label])
+        self._put("world/next_view", arrow)
+        label = f"stand here: {plan.stand_gain:.2f} nats"
+        self._put("world/stand", rr.Points3D([place], radii=0.05, colors=[NEXT_VIEW], labels=[label]))
 
     def _map(self, landmarks: Any) -> None:
         self._ellipsoids("world/map", landmarks.points, landmarks.covariance, [(140, 150, 160)])
 
-    def _way(self, way: Any) -> None:
+    def _submap_poses(self, poses: Any) -> None:
         """The submaps as loops correct them, a line for each loop, and the map of the whole way."""
-        rr, at = self._rr, way.poses[:, :3, 3]
+        rr, at = self._rr, poses.poses[:, :3, 3]
         self._put("world/submaps", rr.LineStrips3D([at], colors=[LOOP]))
-        ends = [at[[loop.first, loop.second]] for loop in way.loops]
+        ends = [at[[loop.first, loop.second]] for loop in poses.loops]
         self._put("world/loops", rr.LineStrips3D(ends, colors=[LOOP]))
-        self._ellipsoids("world/whole_map", way.landmarks.points, way.landmarks.covariance, [LOOP])
+        self._ellipsoids("world/whole_map", poses.landmarks.points, poses.landmarks.covariance, [LOOP])
 
     def _ellipsoids(self, path: str, centres: Array, covariances: Array, colours: Any) -> None:
         rr = self._rr

@@ -17,7 +17,7 @@ import numpy as np
 from collabslam.errors import DataError, InputError
 from collabslam.types import Array, Mask
 from collabslam.worn_pose.config import Person
-from collabslam.worn_pose.lever import pace_of
+from collabslam.worn_pose.lever_arm import pace_of
 from collabslam.worn_pose.readings import WornPoseEstimate
 
 _GATE = 16.3

@@ -176,18 +176,18 @@ class WornPoseConfig:
         """Variances of what then is wrong with the tilt of Cs, about each horizontal axis: of the part that
         lasts, and of what is new in every reading, the shake included; rad^2."""
         share, ahrs = self.tilt_share, self.ahrs
-        lasting = share**2 * (ahrs.tilt_sd**2 - ahrs.tilt_white_sd**2)
-        return lasting, share * ahrs.tilt_sd**2 - lasting
+        time_correlated = share**2 * (ahrs.tilt_sd**2 - ahrs.tilt_white_sd**2)
+        return time_correlated, share * ahrs.tilt_sd**2 - time_correlated
 
     def __post_init__(self) -> None:
         if not self.scanners:
             raise InputError("The sensors have no scanner; give t_c_scanner of one or more.")
         for name, pose in self.scanners.items():
             if np.shape(pose) != (4, 4) or not is_rotation(np.asarray(pose)[:3, :3]):
-                raise InputError(f"t_c_scanner of '{name}' is no pose; give a 4x4 of a rigid motion.")
+                raise InputError(f"t_c_scanner of '{name}' is not a pose; give a 4x4 of a rigid motion.")
         for what, turn in (("r_c_ahrs", self.r_c_ahrs), ("r_f_ahrs", self.r_f_ahrs)):
             if not is_rotation(turn):
-                raise InputError(f"{what} is no rotation; give a 3x3 that turns the AHRS's axes.")
+                raise InputError(f"{what} is not a rotation; give a 3x3 that turns the AHRS's axes.")
         for name, these in (
             ("lean", "ahead and left in metres"),
             ("surge", "them by swing, and by its rate"),

@@ -13,10 +13,10 @@ from collabslam.errors import InputError
 from collabslam.types import Array, Indices, Mask
 from collabslam.worn_pose.attitude import AttitudeTrack
 from collabslam.worn_pose.config import WornPoseConfig
-from collabslam.worn_pose.crowd import Crowd
 from collabslam.worn_pose.evidence import may_walk, walks
 from collabslam.worn_pose.legs import FARTHEST, find_legs
-from collabslam.worn_pose.lever import Gait, trunk, worn_pose
+from collabslam.worn_pose.lever_arm import Gait, trunk, worn_pose
+from collabslam.worn_pose.person_tracker import PersonTracker
 from collabslam.worn_pose.readings import AhrsReading, Diagnostics, LaserScan, WornPoseEstimate
 from collabslam.worn_pose.surroundings import REACH, Surroundings
 from collabslam.worn_pose.track import Candidates, carried
@@ -91,7 +91,7 @@ class WornPoseEstimator:
         self._scanned = dict.fromkeys(self._scanners, -inf)
         self._last = -inf
         self._surroundings = Surroundings()
-        self._crowd = Crowd(c)
+        self._tracker = PersonTracker(c)
         self._hint: Array | None = None
         self._moments: list[_Moment] = []
         self._legs: Array = np.zeros((0, 2))
@@ -146,36 +146,36 @@ class WornPoseEstimator:
         ranges = scan.ranges[beams]
         angles = scan.angle_min + scan.angle_increment * beams + self._turns(scan, t, beams)
         r_ns = r_nc @ t_cs[:3, :3]
-        lever = r_nc @ t_cs[:3, 3]
+        lever_arm = r_nc @ t_cs[:3, 3]
         flat = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
-        points = flat @ r_ns[:2, :2].T + lever[:2]
+        points = flat @ r_ns[:2, :2].T + lever_arm[:2]
         dt = 0.0 if self._last == -inf else t - self._last
-        surroundings, crowd = self._surroundings, self._crowd
+        surroundings, tracker = self._surroundings, self._tracker
         surroundings.predict(dt)
-        crowd.predict(dt, surroundings.position, self._drift)
+        tracker.predict(dt, surroundings.position, self._drift)
         if self._hint is None and self.config.start is not None:
             right, ahead = self.config.start
             self._hint = surroundings.position + (r_nc @ np.array([right, 0.0, ahead]))[:2]
         near = ranges < REACH
         learn = t - self._learnt[scan.scanner] >= _LEARN_EVERY
         if learn:
-            mine = ~crowd.claimed(points + surroundings.position, self._hint)
+            mine = ~tracker.claimed(points + surroundings.position, self._hint)
             surroundings.align(t, points[near & mine])
         robot = surroundings.position.copy()
         world = points + robot
-        candidates, ambiguous = self._candidates(scan, beams, world, robot + lever[:2])
+        candidates, ambiguous = self._candidates(scan, beams, world, robot + lever_arm[:2])
         self._legs = candidates.centre
-        view = partial(_in_view, scan, robot + lever[:2], r_ns[:2, :2])
-        crowd.update(
+        view = partial(_in_view, scan, robot + lever_arm[:2], r_ns[:2, :2])
+        tracker.update(
             t, candidates, robot, surroundings.state[2:], self.config.ahrs.yaw_white_sd**2, self._hint, view
         )
         if learn:
-            still = ~crowd.claimed(world, self._hint)
-            surroundings.learn(t, robot + lever[:2], world, still, ambiguous, self._unmet(scan, t, r_ns))
+            still = ~tracker.claimed(world, self._hint)
+            surroundings.learn(t, robot + lever_arm[:2], world, still, ambiguous, self._unmet(scan, t, r_ns))
             self._learnt[scan.scanner] = t
         self._last = self._scanned[scan.scanner] = t
         self._scans += 1
-        self._remember(t, float(lever[2]), len(candidates))
+        self._remember(t, float(lever_arm[2]), len(candidates))
         return True
 
     def _unmet(self, scan: LaserScan, t: float, r_ns: Array) -> Array:
@@ -213,10 +213,10 @@ class WornPoseEstimator:
         return found, ambiguous
 
     def _remember(self, t: float, plane: float, candidates: int) -> None:
-        crowd = self._crowd
-        person = crowd.person if crowd.sure else None
+        tracker = self._tracker
+        person = tracker.person if tracker.sure else None
         x, p = (None, None) if person is None else (person.x, person.p)
-        seen = person.seen if person is not None else -inf if crowd.lost is None else crowd.lost[0]
+        seen = person.seen if person is not None else -inf if tracker.lost is None else tracker.lost[0]
         self._moments.append(
             _Moment(
                 t,
@@ -226,7 +226,7 @@ class WornPoseEstimator:
                 plane,
                 seen,
                 candidates,
-                len(crowd.others),
+                len(tracker.others),
                 self._scans,
             )
         )
@@ -240,13 +240,13 @@ class WornPoseEstimator:
             return None
         ahead = r_nc[:2, 2] / float(np.hypot(*r_nc[:2, 2]))
         axes = np.array([ahead, [-ahead[1], ahead[0]]])
-        robot, crowd = self._surroundings.position, self._crowd
-        tracks = [*([] if crowd.person is None else [crowd.person]), *crowd.others]
+        robot, tracker = self._surroundings.position, self._tracker
+        tracks = [*([] if tracker.person is None else [tracker.person]), *tracker.others]
         places = np.array([track.x[:2] for track in tracks]).reshape(-1, 2)
         walked = np.array(
             [walks(o) and may_walk(o) and self._last - o.seen < _BRIDGED for o in tracks], np.bool_
         )
-        person = crowd.person if crowd.sure else None
+        person = tracker.person if tracker.sure else None
         return People(
             (self._legs - robot) @ axes.T,
             (places - robot) @ axes.T,

@@ -60,7 +60,7 @@ class Candidates:
     covariance : (n, 2, 2) array
     wide : (n,) bool
     clutter : (n,) array
-        Density of things that look so and are no legs, per square metre.
+        Density of things that look so and are not legs, per square metre.
     moving : (n,) bool
         Where nothing stood before.
     """

@@ -45,7 +45,7 @@ def page(plan: Plan, rows: Sequence[Row], how: str = "") -> str:
         "One lever changed at a time, everything else at its default; medians over the seeds "
         f"{', '.join(map(str, plan.ablation.seeds))}. For each recording: ATE over all frames in percent of "
         "the path (SE(3), no scale fitted) / frames with a pose in percent / frames OK in percent / NEES of "
-        "the position (3 is honest). *worse* is the geometric mean over the recordings of the ATE over that "
+        "the position (expected 3). *worse* is the geometric mean over the recordings of the ATE over that "
         "of the unchanged run.",
     ]
     for mode in plan.ablation.modes:

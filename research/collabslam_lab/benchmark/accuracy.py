@@ -1,4 +1,4 @@
-"""The page of measured accuracy: medians over the seeds, honesty of the covariance, cost, other systems."""
+"""The page of measured accuracy: medians over the seeds, consistency, cost, other systems."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def page(plan: Plan, rows: Sequence[Row], missing: Sequence[str], how: str = "")
         "All recordings together, by which a change of the filter is judged:",
         overall.table(medians(plan, split(rows)[0])),
         *_paired(plan, rows),
-        "## Honesty of the covariance",
-        _honesty_text(),
-        _table(plan, rows, _HONESTY, _honesty_cells),
+        "## Consistency of the covariance",
+        _consistency_text(),
+        _table(plan, rows, _CONSISTENCY, _consistency_cells),
         *_pooled(plan, rows),
         "## Beside other systems",
         "ATE after a Sim(3) alignment (scale fitted, as it must be for a monocular system), percent of the "
@@ -71,7 +71,7 @@ _HEAD = ("recording", "worn camera", "mode")
 _ERROR = (*_HEAD, "ATE, all frames, %", "with a pose, %", "ATE of these, %", "frames OK, %",
           "false OK, %", "independent: ATE, all frames, %", "with a pose, %", "scale error, %",
           "features a frame", "frames", "target, px")  # fmt: skip
-_HONESTY = (*_HEAD, "with a pose, %", "NEES position", "in its band", "NEES attitude", "in its band",
+_CONSISTENCY = (*_HEAD, "with a pose, %", "NEES position", "in its band", "NEES attitude", "in its band",
             "error over sd: position", "attitude", "independent: NEES position", "attitude")  # fmt: skip
 _OTHERS = (*_HEAD, "ours, Sim(3), %", "with a pose, %", "other, Sim(3), %", "ratio", "other's poses",
            "system")  # fmt: skip
@@ -138,15 +138,15 @@ def _paired(plan: Plan, rows: Sequence[Row]) -> list[str]:
     return [text, markdown_table(header, lines)] if lines else []
 
 
-def _honesty_text() -> str:
+def _consistency_text() -> str:
     low, high = nees_band(3)
     return (
         "NEES of position and attitude, each with three degrees of freedom, averaged over the frames of a "
-        "run: 3 is honest. Errors of neighbouring frames are correlated, and so are those of the seeds, "
+        "run: expected 3. Errors of neighbouring frames are correlated, and so are those of the seeds, "
         f"which share their images: the 95 % band is that of one draw, {low:.2f} to {high:.2f}. *yes*: "
         f"inside; *x{WITHIN:g}*: within a factor of {WITHIN:g} of it; *low* or *high*: outside. *error over "
         "sd*: root mean square error over the root mean square of the standard deviation that was claimed, 1 "
-        "is honest; a covariance that is much too large in some frames shows here."
+        "is consistent; a covariance that is much too large in some frames shows here."
     )
 
 
@@ -161,7 +161,7 @@ def band_word(value: Any, low: float, high: float) -> str:
     return "low" if value < low else "high"
 
 
-def _honesty_cells(entry: Entry, mode: str, runs: list[Row], independent: list[Row]) -> list[str] | None:
+def _consistency_cells(entry: Entry, mode: str, runs: list[Row], independent: list[Row]) -> list[str] | None:
     position, attitude = (median_of(runs, f"nees_{what}") for what in ("position", "attitude"))
     if position is None:
         return None

@@ -77,10 +77,10 @@ def measure(entry: Entry, data: Path, *, seed: int = 0, kinds: Iterable[str] | N
     errors = pose_errors(entry, seed)
     rows: list[Row] = []
     for pair in choose_pairs(scene):
-        look = Look(scene, pair, errors)
+        image_pair = ImagePair(scene, pair, errors)
         facts = {"recording": entry.name, **pair.facts()}
         with known_surf():
-            rows += [{**facts, **look.measure(kind)} for kind in kinds or DESCRIPTORS]
+            rows += [{**facts, **image_pair.measure(kind)} for kind in kinds or DESCRIPTORS]
     return rows
 
 
@@ -90,7 +90,7 @@ def pose_errors(entry: Entry, seed: int) -> PoseErrors:
     return PoseErrors(noise, seed, per_block=False)
 
 
-class Look:
+class ImagePair:
     """One pair: points of Cs, their true depths, and what each descriptor makes of them.
 
     Attributes

@@ -82,7 +82,9 @@ def read(folder: Path) -> Medians:
         found = json.loads(path.read_text(encoding="utf-8"))["recordings"]
         complete = all(isinstance(told, dict) for modes in found.values() for told in modes.values())
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise DataError(f"{path} is no evaluation ({error}); give a folder that evaluate wrote.") from error
+        raise DataError(
+            f"{path} is not an evaluation ({error}); give a folder that evaluate wrote."
+        ) from error
     if not complete:
         raise DataError(f"{path} has no medians by recording and mode; give a folder that evaluate wrote.")
     return dict(found)

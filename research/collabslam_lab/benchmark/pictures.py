@@ -1,4 +1,4 @@
-"""The picture of an evaluation: error and honesty of every run, a column for each recording."""
+"""The picture of an evaluation: error and consistency of every run, a column for each recording."""
 
 from __future__ import annotations
 

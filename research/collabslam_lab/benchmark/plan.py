@@ -190,7 +190,7 @@ def parse_seeds(value: Any, where: str) -> tuple[int, ...]:
         if dash and first.strip().isdigit() and last.strip().isdigit():
             seeds = list(range(int(first), int(last) + 1))
     if not seeds or not all(type(seed) is int and seed >= 0 for seed in seeds):
-        raise SettingsError(f"{where}: {value!r} are no seeds; give 0-4 or [0, 2, 5].")
+        raise SettingsError(f"{where}: {value!r} are not seeds; give 0-4 or [0, 2, 5].")
     return tuple(dict.fromkeys(seeds))
 
 
@@ -221,7 +221,7 @@ def _ablation(tree: Any, where: str) -> Ablation:
 
 def _mapping(value: Any, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise SettingsError(f"{where} is no mapping of names to values.")
+        raise SettingsError(f"{where} is not a mapping of names to values.")
     for key in value:
         if known is not None and key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)

@@ -21,7 +21,7 @@ _SUPPORT = 20.0  # side of SURF's window over its scale
 def describe_surf(image: Image, uv: Array, axes: Array, size_px: float) -> Descriptors:
     """SURF (Bay et al., 2008), with its own dominant direction; the scale is that of the map, rounded.
 
-    At scales that are no whole numbers mahotas (1.4) describes a texture differently when it is turned.
+    At scales that are not a whole numbers mahotas (1.4) describes a texture differently when it is turned.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What finding T_CF's lasting error and Cf's clock is worth: ``collabslam-lab reproduce calibration``."""
+"""What finding T_CF's bias and Cf's clock is worth: ``collabslam-lab reproduce calibration``."""
 
 EXPERIMENTS = {
     "calibration": "T_CF wrong by 3 cm, 1 degree and 50 ms in all views: found, corrected, left alone"

@@ -1,4 +1,4 @@
-"""One draw of the error on one way: what the filter makes of it as it is, and corrected."""
+"""One draw of the error on one trajectory: what the filter makes of it as it is, and corrected."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from collabslam import Settings, attach_worn
-from collabslam.checks.worn_bias.recorded import LastingError, lasting_error
+from collabslam.checks.worn_bias.recorded import TimeCorrelatedError, time_correlated_error
 from collabslam.datasets.worn_calibration import CalibratedWorn
 from collabslam.runs.runner import run
 from collabslam.types import Array, Recording
 from collabslam_lab.benchmark.opening import open_folder, worn_of
 from collabslam_lab.benchmark.plan import find_plan
-from collabslam_lab.calibrated.ways import SECONDS, Erring, Stated, Untrue, drawn_error, rendered
+from collabslam_lab.calibrated.trajectories import SECONDS, Erring, Stated, Untrue, drawn_error, rendered
 from collabslam_lab.processes import use_one_thread
 
 RECORDED = ("hololens_000", "scenes7_redkitchen", "euroc_v101")
 """Recordings of the plan of `collabslam-lab evaluate` that are taken where --data has them."""
 EVEN = ("even", "one axis")
 FRAMES, QUICK_FRAMES = 100, 40
-"""Of a rendered way."""
+"""Of a rendered trajectory."""
 
 
 LASTS = {"filter.worn.bias_time": 1e5, "filter.worn.clock_sd": SECONDS}
@@ -34,7 +34,7 @@ class Drawn:
 
     Attributes
     ----------
-    way : str
+    trajectory : str
     seed : int
     ate, nees : dict of str to float
         Metres; 6 is ideal.
@@ -46,7 +46,7 @@ class Drawn:
         Directions that were left alone.
     """
 
-    way: str
+    trajectory: str
     seed: int
     ate: dict[str, float] = field(default_factory=dict)
     nees: dict[str, float] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class Drawn:
             for key in ("ate_rmse_m", "nees_mean")
         )
 
-    def correct(self, kind: str, recording: Recording, found: LastingError | None) -> None:
+    def correct(self, kind: str, recording: Recording, found: TimeCorrelatedError | None) -> None:
         """Judge what was found, and run the filter on the recording corrected by it."""
         if found is None:
             return
@@ -73,21 +73,21 @@ class Drawn:
         self.score(kind, CalibratedWorn(recording, calibration))
 
 
-def go(way: str, seed: int, data: Path | None, quick: bool) -> Drawn:
+def go(trajectory: str, seed: int, data: Path | None, quick: bool) -> Drawn:
     """All runs of one draw; also the work of a child process."""
     use_one_thread()
-    out = Drawn(way, seed)
+    out = Drawn(trajectory, seed)
     error, clock = drawn_error(seed)
-    if data is not None and way in RECORDED:
-        base = _recorded(way, seed, data)
+    if data is not None and trajectory in RECORDED:
+        base = _recorded(trajectory, seed, data)
     else:
-        base = rendered(way, QUICK_FRAMES if quick else FRAMES, seed)
+        base = rendered(trajectory, QUICK_FRAMES if quick else FRAMES, seed)
     out.score("calibrated", base)
     wrong = Erring(base, error, clock)
     out.score("as it is", wrong)
     out.score("while running", Stated(wrong), Settings.default().replace(LASTS))
-    out.correct("views alone", wrong, lasting_error(Untrue(wrong)))
-    out.correct("true poses", wrong, lasting_error(wrong))
+    out.correct("views alone", wrong, time_correlated_error(Untrue(wrong)))
+    out.correct("true poses", wrong, time_correlated_error(wrong))
     return out
 
 

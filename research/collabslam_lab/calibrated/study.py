@@ -1,4 +1,4 @@
-"""All draws of the error on all ways: how far the corrected filter is from the calibrated one (METHOD 26)."""
+"""All draws of the error on all trajectories: the corrected filter against the calibrated one (METHOD 26)."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from collabslam.evaluation.consistency import nees_band
 from collabslam.runs.progress import Progress
 from collabslam.runs.report import number
 from collabslam_lab.calibrated.draw import EVEN, RECORDED, Drawn, go
-from collabslam_lab.calibrated.ways import DEGREES, METRES, SECONDS, WALKS
+from collabslam_lab.calibrated.trajectories import DEGREES, METRES, SECONDS, WALKS
 from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.figures import style
 from collabslam_lab.figures.finding import Finding, Table, hand_over
 
 DRAWS, EVEN_DRAWS = 8, 2
-"""Of the error on a way; on one where it must be left alone fewer do."""
+"""Of the error on a trajectory; on one where it must be left alone fewer do."""
 KINDS = ("calibrated", "as it is", "while running", "views alone", "true poses")
 FOUND = KINDS[3:]
 AIM = 1.2
 COLUMNS = (
-    "way",
+    "trajectory",
     "seed",
     "kind",
     "ate_m",
@@ -51,7 +51,7 @@ def reproduce(
     engine : Engine, optional
         Where they run; on this machine if left out.
     quick : bool
-        One draw on short rendered ways: to see that it works.
+        One draw on short rendered trajectories: to see that it works.
 
     Raises
     ------
@@ -62,11 +62,15 @@ def reproduce(
     """
     if jobs < 1 or seed < 0:
         raise SettingsError(f"jobs {jobs}, seed {seed}: give 1 job or more, seed 0 or more.")
-    ways = list(WALKS)
+    trajectories = list(WALKS)
     if data is not None:
-        ways += [name for name in RECORDED if (data / name).is_dir()]
-    count = {way: 1 if quick else EVEN_DRAWS if way in EVEN else DRAWS for way in ways}
-    asked = [(way, seed + k, data, quick) for way in ways for k in range(count[way])]
+        trajectories += [name for name in RECORDED if (data / name).is_dir()]
+    count = {
+        trajectory: 1 if quick else EVEN_DRAWS if trajectory in EVEN else DRAWS for trajectory in trajectories
+    }
+    asked = [
+        (trajectory, seed + k, data, quick) for trajectory in trajectories for k in range(count[trajectory])
+    ]
     drawn = _gone(asked, jobs, engine or LOCAL)
     how = f"collabslam-lab reproduce calibration --seed {seed}{' --quick' if quick else ''}"
     how += "" if data is None else " --data DIR"
@@ -80,32 +84,38 @@ def _gone(asked: list[tuple[str, int, Path | None, bool]], jobs: int, engine: En
 
 def finding(drawn: list[Drawn]) -> Finding:
     """Tables, picture and numbers of all draws."""
-    ways = list(dict.fromkeys(one.way for one in drawn))
+    trajectories = list(dict.fromkeys(one.trajectory for one in drawn))
     numbers: dict[str, Any] = {"error_over_calibrated": {}, "ate_m": {}, "nees": {}, "nees_band": {}}
     numbers |= {"correction_in_sd": {}, "untold": {}, "draws": {}}
-    for way in ways:
-        of_way = [one for one in drawn if one.way == way]
-        kinds = [kind for kind in KINDS if any(kind in one.ate for one in of_way)]
-        numbers["ate_m"][way] = {
-            kind: _rms([one.ate[kind] for one in of_way if kind in one.ate]) for kind in kinds
+    for trajectory in trajectories:
+        of_trajectory = [one for one in drawn if one.trajectory == trajectory]
+        kinds = [kind for kind in KINDS if any(kind in one.ate for one in of_trajectory)]
+        numbers["ate_m"][trajectory] = {
+            kind: _rms([one.ate[kind] for one in of_trajectory if kind in one.ate]) for kind in kinds
         }
-        numbers["error_over_calibrated"][way] = {kind: _ratio(of_way, kind) for kind in kinds[1:]}
-        numbers["nees"][way] = {
-            kind: float(np.mean([one.nees[kind] for one in of_way if kind in one.nees])) for kind in kinds
+        numbers["error_over_calibrated"][trajectory] = {
+            kind: _ratio(of_trajectory, kind) for kind in kinds[1:]
         }
-        found = [kind for kind in kinds if any(kind in one.off for one in of_way)]
-        numbers["correction_in_sd"][way] = {
-            kind: _rms(np.concatenate([one.off[kind] / one.sd[kind] for one in of_way if kind in one.off]))
+        numbers["nees"][trajectory] = {
+            kind: float(np.mean([one.nees[kind] for one in of_trajectory if kind in one.nees]))
+            for kind in kinds
+        }
+        found = [kind for kind in kinds if any(kind in one.off for one in of_trajectory)]
+        numbers["correction_in_sd"][trajectory] = {
+            kind: _rms(
+                np.concatenate([one.off[kind] / one.sd[kind] for one in of_trajectory if kind in one.off])
+            )
             for kind in found
         }
-        numbers["untold"][way] = {
-            kind: float(np.mean([one.untold[kind] for one in of_way if kind in one.untold])) for kind in found
+        numbers["untold"][trajectory] = {
+            kind: float(np.mean([one.untold[kind] for one in of_trajectory if kind in one.untold]))
+            for kind in found
         }
-        numbers["draws"][way] = len(of_way)
-        numbers["nees_band"][way] = nees_band(6, len(of_way))
+        numbers["draws"][trajectory] = len(of_trajectory)
+        numbers["nees_band"][trajectory] = nees_band(6, len(of_trajectory))
     rows = [
         [
-            one.way,
+            one.trajectory,
             one.seed,
             kind,
             one.ate[kind],
@@ -150,25 +160,29 @@ def _rms(values: Any) -> float:
 
 def _tables(numbers: dict[str, Any]) -> list[Table]:
     errors, consistency = [], []
-    for way, ate in numbers["ate_m"].items():
-        over, nees = numbers["error_over_calibrated"][way], numbers["nees"][way]
-        low, high = numbers["nees_band"][way]
-        told, sds = numbers["untold"][way], numbers["correction_in_sd"][way]
-        errors.append([way, str(numbers["draws"][way]), number(ate["calibrated"], 1, scale=100.0)])
+    for trajectory, ate in numbers["ate_m"].items():
+        over, nees = numbers["error_over_calibrated"][trajectory], numbers["nees"][trajectory]
+        low, high = numbers["nees_band"][trajectory]
+        told, sds = numbers["untold"][trajectory], numbers["correction_in_sd"][trajectory]
+        errors.append(
+            [trajectory, str(numbers["draws"][trajectory]), number(ate["calibrated"], 1, scale=100.0)]
+        )
         errors[-1] += [number(over.get(kind), 2) for kind in KINDS[1:]]
-        consistency.append([way, f"{low:.1f} to {high:.1f}", *(number(nees.get(kind), 1) for kind in KINDS)])
+        consistency.append(
+            [trajectory, f"{low:.1f} to {high:.1f}", *(number(nees.get(kind), 1) for kind in KINDS)]
+        )
         consistency[-1] += [f"{told[kind]:.1f} / {sds[kind]:.2f}" if kind in told else "-" for kind in FOUND]
     return [
         Table(
             "Error of the position, RMS over frames and draws: of the calibrated runs, and of the others "
             f"over it (aim: {AIM}):",
-            ("way", "draws", "calibrated, cm", *KINDS[1:]),
+            ("trajectory", "draws", "calibrated, cm", *KINDS[1:]),
             errors,
         ),
         Table(
             "NEES of the pose (6 is ideal); of what was found, the number of directions that were left alone "
-            "/ its error in standard deviations (1 is honest):",
-            ("way", "band", *KINDS, "found, views alone", "found, true poses"),
+            "/ its error in standard deviations (expected 1):",
+            ("trajectory", "band", *KINDS, "found, views alone", "found, true poses"),
             consistency,
         ),
     ]
@@ -180,11 +194,11 @@ def _figure(numbers: dict[str, Any]) -> Any:
     )
     axes = panels[0, 0]
     colours = (style.GREY, style.MONO, style.COLOURS["plain"], style.COLLAB, style.COLOURS["gauge"])
-    ways = list(numbers["ate_m"])
+    trajectories = list(numbers["ate_m"])
     for k, (kind, colour) in enumerate(zip(KINDS, colours, strict=True)):
-        heights = [100.0 * numbers["ate_m"][way].get(kind, 0.0) for way in ways]
-        axes.bar(np.arange(len(ways)) + 0.16 * (k - 2), heights, 0.15, color=colour, label=kind)
-    axes.set_xticks(range(len(ways)), ways)
+        heights = [100.0 * numbers["ate_m"][trajectory].get(kind, 0.0) for trajectory in trajectories]
+        axes.bar(np.arange(len(trajectories)) + 0.16 * (k - 2), heights, 0.15, color=colour, label=kind)
+    axes.set_xticks(range(len(trajectories)), trajectories)
     axes.set_ylabel("error of the position (cm)")
     style.legend(axes)
     return figure

@@ -28,7 +28,7 @@ A plan is a YAML file:
       modes: [mono, collab]
       independent: [collab]      # modes run once more with an error of T_CF of its own in each frame
       draws: [relpose, seed1/relpose] # recorded in two-camera layout: folders of T_CF, one for each seed
-      scored: true               # false: the truth is no judge and serves the worn camera only
+      scored: true               # false: the truth is not a judge and serves the worn camera only
       settings: {filter.map.in_view: 60}
       reference: {system: ORB-SLAM3, ate_sim3_pct: 0.94, poses: 476}
     demo: {rendered: demo}   # needs no folder

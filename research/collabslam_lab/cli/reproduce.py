@@ -15,14 +15,21 @@ WORLDS = "worlds"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    from collabslam_lab import calibrated, learned, long_ways, paper_simulation, paper_worlds, wearers
+    from collabslam_lab import (
+        calibrated,
+        learned,
+        long_trajectories,
+        paper_simulation,
+        paper_worlds,
+        worn_cameras,
+    )
     from collabslam_lab.paper_simulation.simulation_settings import SIMULATION
 
     simulated = [f"  {name:14} {text}" for name, text in paper_simulation.EXPERIMENTS.items()]
     rendered = [f"  {name:14} {text}" for name, text in paper_worlds.EXPERIMENTS.items()]
     by_learning = [f"  {name:14} {text}" for name, text in learned.EXPERIMENTS.items()]
-    worn = [f"  {name:14} {text}" for name, text in wearers.EXPERIMENTS.items()]
-    long = [f"  {name:14} {text}" for name, text in long_ways.EXPERIMENTS.items()]
+    worn = [f"  {name:14} {text}" for name, text in worn_cameras.EXPERIMENTS.items()]
+    long = [f"  {name:14} {text}" for name, text in long_trajectories.EXPERIMENTS.items()]
     corrected = [f"  {name:14} {text}" for name, text in calibrated.EXPERIMENTS.items()]
     settings = [
         f"  {key}={entry.default:g}{' ' + entry.unit if entry.unit else ''}: {entry.doc}"
@@ -46,10 +53,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
             "names of experiments about those who wear a camera:",
             *worn,
             "",
-            "names of experiments on long ways:",
+            "names of experiments on long trajectories:",
             *long,
             "",
-            "what finding T_CF's lasting error is worth, on rendered ways and on --data's recordings:",
+            "what finding T_CF's bias is worth, on rendered trajectories and on --data's recordings:",
             *corrected,
             "",
             "settings of the simulation:",
@@ -61,8 +68,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         *paper_worlds.EXPERIMENTS,
         *learned.EXPERIMENTS,
         WORLDS,
-        *wearers.EXPERIMENTS,
-        *long_ways.EXPERIMENTS,
+        *worn_cameras.EXPERIMENTS,
+        *long_trajectories.EXPERIMENTS,
         *calibrated.EXPERIMENTS,
         "all",
         "paper",
@@ -107,7 +114,14 @@ def main(arguments: argparse.Namespace) -> int:
     """Run simulations and experiments, write their files, print their pages."""
     from collabslam.errors import SettingsError
     from collabslam.settings.table import parse_assignments
-    from collabslam_lab import calibrated, learned, long_ways, paper_simulation, paper_worlds, wearers
+    from collabslam_lab import (
+        calibrated,
+        learned,
+        long_trajectories,
+        paper_simulation,
+        paper_worlds,
+        worn_cameras,
+    )
 
     jobs = (os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs
     if WORLDS in arguments.names and arguments.data is None:
@@ -140,14 +154,14 @@ def main(arguments: argparse.Namespace) -> int:
         print(reproduce(arguments.out, arguments.data, seed=arguments.seed, quick=arguments.quick))
     if WORLDS in arguments.names:
         with needs("plot"):
-            from collabslam_lab.likeness.compare import compare_worlds
+            from collabslam_lab.appearance.compare import compare_worlds
         compare_worlds(
             arguments.data, arguments.out, jobs=jobs, engine=engine_of(arguments), quick=arguments.quick
         )
-    of_wearers = _asked(arguments.names, list(wearers.EXPERIMENTS))
-    if of_wearers:
-        wearers.run_experiments(
-            of_wearers,
+    of_worn_cameras = _asked(arguments.names, list(worn_cameras.EXPERIMENTS))
+    if of_worn_cameras:
+        worn_cameras.run_experiments(
+            of_worn_cameras,
             arguments.out,
             seed=arguments.seed,
             jobs=jobs,
@@ -165,8 +179,8 @@ def main(arguments: argparse.Namespace) -> int:
             engine=engine_of(arguments),
             quick=arguments.quick,
         )
-    if set(arguments.names) & set(long_ways.EXPERIMENTS):
-        long_ways.study_loops(
+    if set(arguments.names) & set(long_trajectories.EXPERIMENTS):
+        long_trajectories.study_loops(
             arguments.out,
             seeds=arguments.seeds,
             jobs=jobs,

@@ -40,7 +40,7 @@ class Finding:
     tables : list of Table
         The first one has the paper's value or claim beside ours.
     verdict : str
-        What differs from the paper, honestly, in a sentence or two.
+        What differs from the paper, in a sentence or two.
     numbers : dict
         For the JSON file.
     columns : sequence of str

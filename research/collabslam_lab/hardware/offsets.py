@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from collabslam import Settings, run
-from collabslam.checks.worn_bias.recorded import lasting_error
-from collabslam_lab.calibrated.ways import Untrue
+from collabslam.checks.worn_bias.recorded import time_correlated_error
+from collabslam_lab.calibrated.trajectories import Untrue
 from collabslam_lab.hardware.clocks import Row, scores_of
 from collabslam_lab.hardware.wrong_stamps import CORRIDOR, KNOWN, LIVELY, WrongStamps, side_by_side
 
@@ -50,7 +50,7 @@ def found_rows(way: str, seed: int, offsets_ms: Sequence[float], frames: int | N
     world = side_by_side(way, seed, frames)
     for ms in offsets_ms:
         for known, sds in KNOWN.items():
-            error = lasting_error(Untrue(WrongStamps(world, ms / 1e3, sds)))
+            error = time_correlated_error(Untrue(WrongStamps(world, ms / 1e3, sds)))
             if error is not None:
                 yield {
                     "way": way,

@@ -13,7 +13,7 @@ from collabslam.simulation import SimulatedRecording, corridor_recording
 from collabslam.simulation.held import HeldRecording
 from collabslam.simulation.recording import POSITION_SD, ROTATION_SD, measured_pose
 from collabslam.types import Frame, Image, WornView
-from collabslam_lab.calibrated.ways import rendered
+from collabslam_lab.calibrated.trajectories import rendered
 from collabslam_lab.worlds import WorldRecording, world_recording
 
 Noise = tuple[float, tuple[float, float, float]]

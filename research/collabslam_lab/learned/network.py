@@ -96,7 +96,7 @@ def onnx_of(tensors: Tensors) -> bytes:
     return bytes(model.SerializeToString())
 
 
-class Look:
+class NetworkOutput:
     """What the network sees in one image."""
 
     def __init__(self, shape: tuple[int, int], outputs: Sequence[NDArray[np.float32]]) -> None:
@@ -136,19 +136,21 @@ class Network:
         self._session = onnxruntime.InferenceSession(
             onnx_of(tensors), options, providers=["CPUExecutionProvider"]
         )
-        self._seen: list[tuple[Image, Look]] = []
+        self._seen: list[tuple[Image, NetworkOutput]] = []
 
-    def look(self, image: Image) -> Look:
+    def run(self, image: Image) -> NetworkOutput:
         """What it sees in an image (H, W) uint8."""
-        for known, look in self._seen:
+        for known, output in self._seen:
             if known is image:
-                return look
+                return output
         rows, columns = (side // _MULTIPLE * _MULTIPLE for side in image.shape)
         grey = cv2.resize(image, (columns, rows)).astype(np.float32)
         grey = (grey - grey.mean()) / np.sqrt(grey.var() + 1e-5)
-        look = Look((image.shape[0], image.shape[1]), self._session.run(None, {"image": grey[None, None]}))
-        self._seen = [*self._seen[-1:], (image, look)]
-        return look
+        output = NetworkOutput(
+            (image.shape[0], image.shape[1]), self._session.run(None, {"image": grey[None, None]})
+        )
+        self._seen = [*self._seen[-1:], (image, output)]
+        return output
 
 
 def _between(cells: NDArray[np.float32], place: Array) -> NDArray[np.float32]:

@@ -28,7 +28,7 @@ from collabslam.runs.results import write_summary
 from collabslam.settings.table import Settings
 from collabslam.slam.worn.matcher import NEW_POINTS
 from collabslam.types import Array, Indices
-from collabslam_lab.benchmark.descriptors import EDGES, Look, pose_errors, right_matches
+from collabslam_lab.benchmark.descriptors import EDGES, ImagePair, pose_errors, right_matches
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs
 from collabslam_lab.benchmark.plan import Entry, find_plan
 from collabslam_lab.benchmark.store import Row
@@ -60,26 +60,26 @@ def compare(entry: Entry, data: Path, network: Network, seed: int, quick: bool) 
 
 
 def _ways(scene: Scene, pair: Pair, errors: PoseErrors, network: Network) -> Iterator[Row]:
-    look = Look(scene, pair, errors)
-    yield look.measure(OURS)
-    with _known_as(LEARNED, lambda image, uv, *_: network.look(image).describe(uv)):
-        row = look.measure(LEARNED, MUTUAL)
+    image_pair = ImagePair(scene, pair, errors)
+    yield image_pair.measure(OURS)
+    with _known_as(LEARNED, lambda image, uv, *_: network.run(image).describe(uv)):
+        row = image_pair.measure(LEARNED, MUTUAL)
         yield {**row, "ms_match": row["ms_match"] + row["ms_describe"]}  # the network on both images
-        keys = network.look(look.image).keys(2 * NEW_POINTS)
-        far = np.array(look.image.shape[::-1]) - 1 - SIZE
+        keys = network.run(image_pair.image).keys(2 * NEW_POINTS)
+        far = np.array(image_pair.image.shape[::-1]) - 1 - SIZE
         inside = ((keys >= SIZE) & (keys <= far)).all(axis=1)
-        own = Look(scene, pair, errors, keys[inside][:NEW_POINTS])
+        own = ImagePair(scene, pair, errors, keys[inside][:NEW_POINTS])
         with patch.object(worn_match, "detect_corners", _keys_of(network)):
             row = own.measure(LEARNED, MUTUAL)
         yield {**row, "descriptor": OWN, "ms_match": row["ms_match"] + row["ms_describe"]}
     for way, match in ((OURS_ANYWHERE, _ours_anywhere), (LEARNED_ANYWHERE, _learned_anywhere(network))):
         began = time.process_time()
-        index, uv_f = match(look)
+        index, uv_f = match(image_pair)
         took = 1e3 * (time.process_time() - began)
         yield {
             "descriptor": way,
-            **look.facts(),
-            **look.judge(index, uv_f),
+            **image_pair.facts(),
+            **image_pair.judge(index, uv_f),
             "ms_describe": 0.0,
             "ms_match": took,
         }
@@ -94,29 +94,29 @@ def _known_as(name: str, make: describe.Describe) -> Iterator[None]:
 
 def _keys_of(network: Network) -> Callable[..., Array]:
     """The network's key points where the pipeline asks for corners of a part of the image."""
-    return lambda crop, known, count, *_: network.look(crop).keys(count)
+    return lambda crop, known, count, *_: network.run(crop).keys(count)
 
 
-def _ours_anywhere(look: Look) -> tuple[Indices, Array]:
+def _ours_anywhere(image_pair: ImagePair) -> tuple[Indices, Array]:
     recognition = place_recognition
     options = Settings.default().frontend
-    there = detect_corners(look.other, np.empty((0, 2)), _OTHERS, options.detect, SIZE // 2 + 1)
-    views = describe.describe(look.image, look.uv, 0.0, describe.SUPPORT, recognition.KIND)
-    corners = recognition.describe_corners(look.other, there, 0.0, describe.SUPPORT)
+    there = detect_corners(image_pair.other, np.empty((0, 2)), _OTHERS, options.detect, SIZE // 2 + 1)
+    views = describe.describe(image_pair.image, image_pair.uv, 0.0, describe.SUPPORT, recognition.KIND)
+    corners = recognition.describe_corners(image_pair.other, there, 0.0, describe.SUPPORT)
     index, corner = recognition.match_descriptors(
         views, np.arange(len(views)), corners, recognition.RATIO, recognition.MAX_DISTANCE
     )
     return index, there[corner]
 
 
-def _learned_anywhere(network: Network) -> Callable[[Look], tuple[Indices, Array]]:
-    def match(look: Look) -> tuple[Indices, Array]:
-        other = network.look(look.other)
+def _learned_anywhere(network: Network) -> Callable[[ImagePair], tuple[Indices, Array]]:
+    def match(image_pair: ImagePair) -> tuple[Indices, Array]:
+        other = network.run(image_pair.other)
         there = other.keys(_OTHERS)
-        likeness = network.look(look.image).describe(look.uv) @ other.describe(there).T
-        best, back = likeness.argmax(axis=1), likeness.argmax(axis=0)
+        similarity = network.run(image_pair.image).describe(image_pair.uv) @ other.describe(there).T
+        best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
         here = np.arange(len(best))
-        index = np.flatnonzero((back[best] == here) & (likeness[here, best] > ALIKE))
+        index = np.flatnonzero((back[best] == here) & (similarity[here, best] > ALIKE))
         return index, there[best[index]]
 
     return match

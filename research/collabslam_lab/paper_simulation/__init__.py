@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 EXPERIMENTS = {
     "observability": "what can be told from bearings, and what depth adds (section 3.3)",
     "fig7": "map and trajectory of one simulated run",
-    "fig8": "drift of scale, error of position and honesty of every estimator over time",
+    "fig8": "drift of scale, error of position and consistency of every estimator over time",
     "fig9": "error of position over time for several sigma_r",
     "fig10": "average error against sigma_r",
     "consistency": "not in the paper: NEES of the 6-DoF filter, without and with the gauge transport",

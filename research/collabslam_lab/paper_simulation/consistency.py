@@ -88,7 +88,7 @@ def make(study: Study) -> Finding:
         axes.set_xlim(0.0, s.duration)
     low, high = nees_band(3, runs)
     caption = (
-        "NEES averaged over time and runs; 3 is honest for position and attitude, 6 for the pose, and "
+        "NEES averaged over time and runs; expected 3 for position and attitude, 6 for the pose, and "
         f"{low:.2f} to {high:.2f} is the 95 % band of 3 for a mean over these runs at one instant:"
     )
     header = (

@@ -80,7 +80,7 @@ class CoreRun:
     def __init__(self, camera: Camera, settings: FilterSettings, in_view: int, persons: int = 1) -> None:
         fixed: FilterSettings = {
             "validate.test": "none",
-            "process.handover": 0.0,
+            "process.map_drift": 0.0,
             "calibration.readout": 0.0,
             "calibration.readout_sd": 0.0,
             "worn.readout": 0.0,

@@ -13,7 +13,7 @@ from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import PLAIN
 from collabslam_lab.paper_simulation.monte_carlo import Study
 from collabslam_lab.paper_simulation.wall import WallRuns, simulate
-from collabslam_lab.paper_simulation.wall_run import Outcome
+from collabslam_lab.paper_simulation.wall_run import RunOutcome
 
 _ELLIPSES = 7
 _SIGMAS = 3.0
@@ -87,11 +87,11 @@ def make(study: Study) -> Finding:
     )
 
 
-def _end(outcome: Outcome, run: int) -> float:
+def _end(outcome: RunOutcome, run: int) -> float:
     return float(outcome.error[run, -1])
 
 
-def _draw(axes: Axes, truth: WallRuns, outcome: Outcome, run: int, colour: str) -> None:
+def _draw(axes: Axes, truth: WallRuns, outcome: RunOutcome, run: int, colour: str) -> None:
     seen = truth.visible[0].any(axis=0)
     wall, path = truth.landmarks[0, seen], outcome.path[run]
     guess = outcome.map[run, seen]

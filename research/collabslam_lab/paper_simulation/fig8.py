@@ -23,13 +23,13 @@ from collabslam_lab.paper_simulation.statistics import (
     mean_nees,
     mean_over_runs,
 )
-from collabslam_lab.paper_simulation.wall_run import COLLABORATIONS, Outcome
+from collabslam_lab.paper_simulation.wall_run import COLLABORATIONS, RunOutcome
 from collabslam_lab.paper_simulation.windows import shade_windows
 
 CORE = (PLAIN, GAUGE)
 """Estimators that are run in the real core as well."""
 _LABELS = {"wall": "2-DoF", "core": "core"}
-Outcomes = dict[tuple[str, str, str], Outcome]
+Outcomes = dict[tuple[str, str, str], RunOutcome]
 
 _ESTIMATOR_HEADER = (
     "estimator", "variant", "diverged", "final, m", "average, m", "final ratio", "average ratio",
@@ -145,7 +145,7 @@ def _estimator_table(numbers: dict[str, Any]) -> Table:
     caption = (
         "All estimators (pairs are mono and collaborative; *shared*: one error of pseudo-stereo for a "
         "whole window). NEES of the position, mean of all runs and in brackets that of the median run: 2 "
-        f"is honest, {low:.2f} to {high:.2f} is the 95 % band of a mean over these runs at one instant. "
+        f"is consistent, {low:.2f} to {high:.2f} is the 95 % band of a mean over these runs at one instant. "
         "Runs that diverged are left out of the means:"
     )
     return Table(caption, _ESTIMATOR_HEADER, rows)
@@ -163,11 +163,11 @@ def _verdict(numbers: dict[str, Any]) -> str:
         "The paper gives curves without numbers and leaves rate, wall, spacing and process noise open, so "
         "only the shape can be compared: it is confirmed. Not in the paper: the plain EKF is "
         f"overconfident (NEES {plain['nees_mono']:.1f} mono, {plain['nees_collab']:.1f} collaborative, "
-        f"where 2 is honest), and the gauge transport with noise inflated by {inflation:g} brings that to "
+        f"where 2 is expected), and the gauge transport with noise inflated by {inflation:g} brings that to "
         f"{gauge['nees_mono']:.2f} and {gauge['nees_collab']:.2f}; that factor was chosen on this "
         "simulation. With one error shared by a whole window the plain filter ends "
         f"{plain['shared_final_m']:.2f} m off instead of {plain['collab_final_m']:.2f} m, and no estimator "
-        "here is honest: all assume independent errors. Where mean and median of the NEES differ much, a "
+        "here is consistent: all assume independent errors. Where mean and median of the NEES differ much, a "
         "few runs are lost."
     )
 
@@ -197,8 +197,8 @@ def _figure(s: SimulationSettings, outcomes: Outcomes, runs: int) -> Any:
     panels[0, 1].set_ylabel("position error (m)")
     _nees(panels[1, 0], s, outcomes, t, "mono", runs)
     _nees(panels[1, 1], s, outcomes, t, "independent", runs)
-    panels[1, 0].set_title("(c) is the covariance honest? Cs alone, 2-DoF", fontsize=10)
-    panels[1, 1].set_title("(d) is the covariance honest? With pseudo-stereo, 2-DoF", fontsize=10)
+    panels[1, 0].set_title("(c) is the covariance consistent? Cs alone, 2-DoF", fontsize=10)
+    panels[1, 1].set_title("(d) is the covariance consistent? With pseudo-stereo, 2-DoF", fontsize=10)
     for axes in panels.flat:
         shade_windows(axes, s)
         axes.set_xlim(0.0, s.duration)
@@ -220,7 +220,7 @@ def _nees(
     axes.axhspan(*nees_band(2, runs), color=style.INK, alpha=0.18, linewidth=0, label="95 % band", zorder=0)
     axes.set_yscale("log")
     axes.set_ylim(0.5, 300.0)
-    axes.set_ylabel("NEES of the position (2 is honest)")
+    axes.set_ylabel("NEES of the position (expected 2)")
 
 
 def _series(s: SimulationSettings, outcomes: Outcomes) -> tuple[list[str], list[list[float]]]:

@@ -211,7 +211,7 @@ def _tables(numbers: dict[str, Any]) -> list[Table]:
             ("case", "what it is", "paper", "ours"), [[c, what, *n] for c, *n, what in truth],
         ),
         Table(
-            "Beyond the paper: how many of the seven numbers of T_CF's lasting error and Cf's clock "
+            "Beyond the paper: how many of the seven numbers of T_CF's time-correlated error and Cf's clock "
             "(METHOD 26) are not told, by how both cameras move:",
             ("motion", "by views of Cf alone", "with a known length"),
             [[name, *map(str, n.values())] for name, n in numbers["worn_bias_nullities"].items()],

@@ -10,44 +10,44 @@ import numpy as np
 from collabslam.evaluation.consistency import nees_band
 from collabslam.types import Array
 from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
-from collabslam_lab.paper_simulation.wall_run import Outcome
+from collabslam_lab.paper_simulation.wall_run import RunOutcome
 
 PAPER_RUNS = 20
 
 
-def final_error(outcome: Outcome) -> float:
+def final_error(outcome: RunOutcome) -> float:
     """Mean error at the end over the runs that did not diverge, metres."""
     return _mean(outcome.error[:, -1])
 
 
-def average_error(outcome: Outcome) -> float:
+def average_error(outcome: RunOutcome) -> float:
     """Mean over time and over the runs that did not diverge, metres."""
     return _mean(outcome.error[np.isfinite(outcome.error[:, -1])])
 
 
-def mean_nees(outcome: Outcome) -> float:
+def mean_nees(outcome: RunOutcome) -> float:
     """NEES of the position (2 expected), averaged over time and runs."""
     return _mean(outcome.nees)
 
 
-def median_run_nees(outcome: Outcome) -> float:
+def median_run_nees(outcome: RunOutcome) -> float:
     """The same of the median run, which a few lost runs do not move."""
     means = [_mean(run) for run in outcome.nees]
     good = [m for m in means if math.isfinite(m)]
     return float(np.median(good)) if good else math.nan
 
 
-def drift_at_window_ends(s: SimulationSettings, outcome: Outcome) -> list[float]:
+def drift_at_window_ends(s: SimulationSettings, outcome: RunOutcome) -> list[float]:
     """Mean s of Eq. 14 in the last frame of each window."""
     return [_mean(outcome.scale_drift[:, _last_frame(s, end)]) for _, end in s.windows]
 
 
-def drift_before_windows(s: SimulationSettings, outcome: Outcome) -> list[float]:
+def drift_before_windows(s: SimulationSettings, outcome: RunOutcome) -> list[float]:
     """Mean s in the last frame before each window."""
     return [_mean(outcome.scale_drift[:, _last_frame(s, start)]) for start, _ in s.windows]
 
 
-def compare(s: SimulationSettings, mono: Outcome, collab: Outcome) -> dict[str, Any]:
+def compare(s: SimulationSettings, mono: RunOutcome, collab: RunOutcome) -> dict[str, Any]:
     """One estimator without and with pseudo-stereo, run by run the same truth and bearings."""
     alive = np.isfinite(mono.error[:, -1]) & np.isfinite(collab.error[:, -1])
     better = collab.error[alive, -1] < mono.error[alive, -1]
@@ -75,7 +75,7 @@ def compare(s: SimulationSettings, mono: Outcome, collab: Outcome) -> dict[str, 
     }
 
 
-def ratio_of_blocks(mono: Outcome, collab: Outcome) -> list[float]:
+def ratio_of_blocks(mono: RunOutcome, collab: RunOutcome) -> list[float]:
     """Least and largest ratio of final errors that blocks of 20 of these runs give."""
     count = len(mono.error) // PAPER_RUNS
     if count < 2:

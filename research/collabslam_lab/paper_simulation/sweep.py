@@ -5,7 +5,7 @@ from __future__ import annotations
 from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import GAUGE, PLAIN, Estimator
 from collabslam_lab.paper_simulation.monte_carlo import Study
-from collabslam_lab.paper_simulation.wall_run import Outcome
+from collabslam_lab.paper_simulation.wall_run import RunOutcome
 
 SIGMAS = (0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0)
 """Metres; the paper's range."""
@@ -26,7 +26,7 @@ def sigmas_of(key: Key) -> tuple[float, ...]:
     return SIGMAS if key == ("wall", PLAIN.name, "independent") else SHOWN
 
 
-def gather(study: Study, label: str) -> tuple[dict[Key, Outcome], dict[tuple[Key, float], Outcome]]:
+def gather(study: Study, label: str) -> tuple[dict[Key, RunOutcome], dict[tuple[Key, float], RunOutcome]]:
     """Outcomes without pseudo-stereo by curve, and with it by curve and sigma_r."""
     reference = float(study.settings.range_sigma)
     mono, swept = {}, {}

@@ -20,18 +20,18 @@ from collabslam_lab.paper_simulation.core_run import CoreRun, FilterSettings, Si
 from collabslam_lab.paper_simulation.estimators import Estimator
 from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.paper_simulation.wall import WallRuns, simulate
-from collabslam_lab.paper_simulation.wall_run import Outcome
+from collabslam_lab.paper_simulation.wall_run import RunOutcome
 
 _FOCAL = 400.0
 _HEIGHT = 64
 
 
-def run_wall_core(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) -> Outcome:
+def run_wall_core(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) -> RunOutcome:
     """As `run_wall`, by the core; the estimator must be one that the core has."""
     data = simulate(s, seed, runs)
     sigma_r = s.range_sigma if case.range_sigma is None else case.range_sigma
     outcomes = [_run(s, case, data, b, sigma_r) for b in range(len(runs))]
-    return Outcome(*(np.stack(part) for part in zip(*outcomes, strict=True)))
+    return RunOutcome(*(np.stack(part) for part in zip(*outcomes, strict=True)))
 
 
 def core_settings(s: SimulationSettings, estimator: Estimator) -> FilterSettings:

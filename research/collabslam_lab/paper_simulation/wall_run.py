@@ -23,7 +23,7 @@ COLLABORATIONS = ("mono", "independent", "shared")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """What B runs gave, frame by frame.
 
     A run that has diverged is NaN from then on.
@@ -51,7 +51,7 @@ class Outcome:
     map: Array
 
 
-def run_wall(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) -> Outcome:
+def run_wall(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) -> RunOutcome:
     """Runs by number, with or without pseudo-stereo (`COLLABORATIONS`).
 
     The truth, the bearings and the unit draws of the pseudo-stereo noise are the same for every estimator,
@@ -84,7 +84,7 @@ def run_wall(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) 
     off = path - data.states[:, :, :2]
     ratio = nees(off.reshape(-1, 2), covariance.reshape(-1, 2, 2)).reshape(off.shape[:2])
     ratio[:, 0] = np.nan
-    return Outcome(np.hypot(off[..., 0], off[..., 1]), ratio, drift, path, covariance, points)
+    return RunOutcome(np.hypot(off[..., 0], off[..., 1]), ratio, drift, path, covariance, points)
 
 
 def _of_slots(f: WallFilter, values: NDArray[_Kind]) -> NDArray[_Kind]:

@@ -1,4 +1,4 @@
-"""What views of Cf tell of T_CF's lasting error and of its clock (METHOD 26): ranks, by the motion of both.
+"""What views of Cf tell of T_CF's time-correlated error and of its clock (METHOD 26): ranks, by motion.
 
 The poses of Cs are free, the points too; T_CF is measured without noise but for an error that is always the
 same along the axes of Cs, and each view of Cf was taken a little after its frame.  Both cameras see the

@@ -25,7 +25,7 @@ from collabslam_lab.benchmark.store import Item
 from collabslam_lab.isolated import Died, one
 from collabslam_lab.peers import environments
 from collabslam_lab.peers.ours import ALONE, TOGETHER, opened, run_ours
-from collabslam_lab.peers.prepared import Found, run_script, write_job
+from collabslam_lab.peers.prepared import SystemResult, run_script, write_job
 from collabslam_lab.peers.scored import Row, peers_markdown, scored
 from collabslam_lab.peers.systems import OURS, PEERS, Peer
 from collabslam_lab.peers.vocabulary import train, write_vocabulary
@@ -219,16 +219,16 @@ def _rows(
             shutil.rmtree(folder, ignore_errors=True)
 
 
-_NOTHING = Found({}, {}, 0.0)
+_NOTHING = SystemResult({}, {}, 0.0)
 
 
-def _our_rows(item: Item, recording: Recording, asked: Asked) -> tuple[list[Row], Found]:
+def _our_rows(item: Item, recording: Recording, asked: Asked) -> tuple[list[Row], SystemResult]:
     """Rows of this system, and what it found with Cf."""
     assert recording.truth is not None
     count = len(recording)
     rows = []
     try:
-        found: dict[str, Found] = one(run_ours, (item,), asked.seconds)
+        found: dict[str, SystemResult] = one(run_ours, (item,), asked.seconds)
         fault = None
     except (CollabslamError, Died) as error:
         found, fault = {ALONE: _NOTHING, TOGETHER: _NOTHING}, str(error)

@@ -16,7 +16,7 @@ from collabslam.simulation.held import HeldRecording
 from collabslam.types import Image, Recording, WornView
 from collabslam_lab.benchmark.replay import open_entry
 from collabslam_lab.benchmark.store import Item
-from collabslam_lab.peers.prepared import Found
+from collabslam_lab.peers.prepared import SystemResult
 from collabslam_lab.peers.undistorted import Undistorted
 from collabslam_lab.processes import use_one_thread
 
@@ -45,7 +45,7 @@ def opened(item: Item) -> Recording:
     return Undistorted(open_entry(item))
 
 
-def run_ours(item: Item) -> dict[str, Found]:
+def run_ours(item: Item) -> dict[str, SystemResult]:
     """What one camera alone finds, scale-free, and what it finds with Cf; in a process with one thread."""
     use_one_thread()
     recording = HeldRecording(opened(item))
@@ -55,7 +55,7 @@ def run_ours(item: Item) -> dict[str, Found]:
     }
 
 
-def measured(recording: Recording, mode: str, start: str, settings: Settings) -> Found:
+def measured(recording: Recording, mode: str, start: str, settings: Settings) -> SystemResult:
     """Positions and times of one run."""
     plan = Plan(
         mode, start, start != "scale-free", settings.replace({"filter.estimator.mode": mode}), {}, None
@@ -66,4 +66,4 @@ def measured(recording: Recording, mode: str, start: str, settings: Settings) ->
     valid = {k for k in range(len(record)) if record.valid_at(k)}
     live = {k: record.poses[k, :3, 3].tolist() for k in sorted(valid)}
     turns = {k: record.poses[k, :3, :3] for k in sorted(valid)}
-    return Found(live, {}, sum(engine.cpu), list(record.seconds), turns)
+    return SystemResult(live, {}, sum(engine.cpu), list(record.seconds), turns)

@@ -26,7 +26,7 @@ Turns = dict[int, Array]
 
 
 @dataclass(frozen=True)
-class Found:
+class SystemResult:
     """What a system found.
 
     Attributes
@@ -137,7 +137,7 @@ def _settings(camera: Camera, times: Array, baseline: float) -> str:
     return "%YAML:1.0\n---\n" + "".join(f"{key}: {value}\n" for key, value in values.items())
 
 
-def run_script(peer: Peer, python: Path, folder: Path, seconds: float) -> Found:
+def run_script(peer: Peer, python: Path, folder: Path, seconds: float) -> SystemResult:
     """What a system finds in a prepared folder, in a process of its own environment.
 
     Raises
@@ -160,7 +160,7 @@ def run_script(peer: Peer, python: Path, folder: Path, seconds: float) -> Found:
         raise DataError(f"It ended with the code {code}{': ' + said[-1] if said else ''}")
     try:
         told = json.loads((folder / "found.json").read_text(encoding="utf-8"))
-        return Found(
+        return SystemResult(
             _positions(told.get("live", {})),
             _positions(told.get("final", {})),
             float(told["cpu"]),

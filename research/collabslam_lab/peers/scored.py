@@ -12,7 +12,7 @@ from collabslam.evaluation import metrics
 from collabslam.evaluation.headline import frame_times
 from collabslam.geometry import nearest_rotation
 from collabslam.types import Array
-from collabslam_lab.peers.prepared import Found, Positions, Turns
+from collabslam_lab.peers.prepared import Positions, SystemResult, Turns
 from collabslam_lab.report import markdown_table
 
 Row = dict[str, Any]
@@ -21,12 +21,12 @@ LEAST = 3
 """Positions without which there is no alignment."""
 
 
-def scored(found: Found, truth: Array, *, metric: bool, given: int, ours: Turns | None = None) -> Row:
+def scored(found: SystemResult, truth: Array, *, metric: bool, given: int, ours: Turns | None = None) -> Row:
     """The numbers of a row.
 
     Parameters
     ----------
-    found : Found
+    found : SystemResult
     truth : (N, 4, 4) float64
         ``T_WC`` of all frames, NaN where it is missing.
     metric : bool

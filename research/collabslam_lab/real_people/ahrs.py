@@ -47,7 +47,7 @@ def judge(path: Path) -> AhrsErrors:
     Raises
     ------
     DataError
-        If the file is no such recording.
+        If the file is not such a recording.
     InputError
         If vqf is not installed.
     """
@@ -64,7 +64,7 @@ def judge(path: Path) -> AhrsErrors:
         moves = np.ravel(content["movement"]).astype(bool)
         period = 1.0 / float(np.ravel(content["sampling_rate"])[0])
     except (OSError, KeyError, ValueError, NotImplementedError, ZeroDivisionError) as error:
-        raise DataError(f"The file {path} is no recording of an inertial unit ({error}).") from error
+        raise DataError(f"The file {path} is not a recording of an inertial unit ({error}).") from error
     found = np.asarray(VQF(period).updateBatch(gyr, acc, mag)["quat9D"], np.float64)
     good = moves & np.isfinite(true).all(axis=1)
     w, _, _, z = _times(found[good], true[good] * [1.0, -1.0, -1.0, -1.0]).T

@@ -68,7 +68,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Found:
+class LegsResult:
     """How the estimator did on a recording.
 
     Attributes
@@ -111,7 +111,7 @@ def read_legs(path: Path) -> Legs:
     return Legs(path.stem, odom, scans, readings, truth.reshape(-1, 4))
 
 
-def judge(legs: Legs) -> Found:
+def judge(legs: Legs) -> LegsResult:
     """How the estimator does on a recording."""
     everybody = _run(legs, WornPoseConfig(scanners={"front": scanner_pose(0.0, 0.0, -0.6)}))
     walkers = alone = made_up = 0
@@ -129,7 +129,7 @@ def judge(legs: Legs) -> Found:
         rows = legs.truth[legs.truth[:, 3] == number]
         walks = _way_of(legs, rows, everybody) > WALKS
         groups[walks] = _sum(groups[walks], _fate(legs, rows, everybody))
-    return Found(groups[True], groups[False], walkers, alone, made_up, _way_error(legs, everybody))
+    return LegsResult(groups[True], groups[False], walkers, alone, made_up, _way_error(legs, everybody))
 
 
 def _fate(legs: Legs, rows: Array, everybody: dict[int, People]) -> Group:

@@ -39,7 +39,7 @@ class Route:
     Raises
     ------
     InputError
-        If the text is no such way.
+        If the text is not such a way.
     """
 
     text: str

@@ -59,7 +59,7 @@ class AhrsModel:
     """An AHRS and its errors: by default Table C1's.
 
     The slow error of each axis is a sum of sines with random amplitudes: at every instant it is normal with
-    the stated standard deviation, and it has no other likeness to the estimator's Gauss-Markov bias.
+    the stated standard deviation, and it has nothing else in common with the estimator's Gauss-Markov bias.
 
     Attributes
     ----------

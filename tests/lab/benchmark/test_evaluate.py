@@ -89,10 +89,10 @@ def test_the_packages_own_plan_is_sound() -> None:
         ("recordings: {a: {rendered: demo, worn: rig}}", "leave out 'worn'"),
         ("recordings: {a: {available: yes}}", "give a number"),
         ("recordings: {a: {start: here}}", "give one of worn"),
-        ("seeds: 0-x\nrecordings: {a: {}}", "'0-x' are no seeds"),
+        ("seeds: 0-x\nrecordings: {a: {}}", "'0-x' are not seeds"),
         ("seeds: 0-4", "names no recordings"),
         ("recordings: [", "not valid YAML"),
-        ("recordings: {a: 3}", "is no mapping"),
+        ("recordings: {a: 3}", "is not a mapping"),
     ],
 )
 def test_a_fault_of_a_plan_is_named(text: str, message: str) -> None:

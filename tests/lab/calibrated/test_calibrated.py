@@ -16,11 +16,11 @@ from collabslam.geometry import interpolate_pose, pose_inverse, rotation_log, se
 from collabslam.types import Array
 from collabslam_lab.calibrated import draw, study
 from collabslam_lab.calibrated.draw import Drawn
-from collabslam_lab.calibrated.ways import WALKS, BendingWalk, Erring, EvenWalk, drawn_error, rendered
+from collabslam_lab.calibrated.trajectories import WALKS, BendingWalk, Erring, EvenWalk, drawn_error, rendered
 from collabslam_lab.cli import main as lab
 
 
-def test_a_short_way(
+def test_a_short_trajectory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(study, "WALKS", {"lively": WALKS["lively"]})

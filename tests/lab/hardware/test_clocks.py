@@ -21,19 +21,19 @@ def test_an_offset_is_of_the_image_and_of_t_cf() -> None:
     way = side_by_side("turn90-0", 0, 4)
     world, sds = way.world, KNOWN["5 mm, 0.2 degrees"]
     wrong = WrongStamps(way, 0.05, sds)
-    frame, honest = wrong.frame(3), WrongStamps(way, 0.0, sds).frame(3)
+    frame, right = wrong.frame(3), WrongStamps(way, 0.0, sds).frame(3)
     assert frame.views
-    assert honest.views
+    assert right.views
     t = frame.t + 0.05
     true = pose_inverse(world.robot(t)) @ world.person(t)
     off = pose_inverse(true) @ frame.views[0].t_cf
     assert np.linalg.norm(off[:3, 3]) < 0.03
     assert np.trace(off[:3, :3]) > 1.0 + 2.0 * np.cos(np.radians(2.0))
-    assert np.array_equal(frame.image, honest.image)
-    assert not np.array_equal(frame.views[0].image, honest.views[0].image)
+    assert np.array_equal(frame.image, right.image)
+    assert not np.array_equal(frame.views[0].image, right.views[0].image)
 
 
-def test_views_of_any_time_tell_as_much_and_are_honest_about_it() -> None:
+def test_views_of_any_time_tell_as_much_and_are_consistent_about_it() -> None:
     # What their error is over many draws of the noise, the core's own test says: here a draw counts for more.
     rows = list(clocks.clock_rows([0, 1], clocks.FEW_CLOCKS, 40))
     scores = {

@@ -62,8 +62,8 @@ def test_a_place_is_described_alike_when_the_image_is_shifted() -> None:
     whole = texture(1, (384, 448))
     network = Network(made_up())
     here = np.array([[200.0, 180.0], [171.3, 203.9], [220.5, 150.25]])
-    first = network.look(np.ascontiguousarray(whole[:320, :384])).describe(here)
-    shifted = network.look(np.ascontiguousarray(whole[32:352, 64:])).describe(here - [64.0, 32.0])
+    first = network.run(np.ascontiguousarray(whole[:320, :384])).describe(here)
+    shifted = network.run(np.ascontiguousarray(whole[32:352, 64:])).describe(here - [64.0, 32.0])
     assert_allclose(np.linalg.norm(first, axis=1), 1.0, atol=1e-5)
     of_same, of_other = (
         np.linalg.norm(first - shifted, axis=1),
@@ -83,7 +83,7 @@ def test_key_points_are_where_the_network_says() -> None:
     tensors["keypoint_head.3.weight"][range(64), range(64), 0, 0] = 5.0
     image = np.zeros((96, 128), np.uint8)
     image[37, 90] = image[70, 21] = 255
-    keys = Network(tensors).look(image).keys(2)
+    keys = Network(tensors).run(image).keys(2)
     assert sorted(map(tuple, np.rint(keys).astype(int).tolist())) == [(21, 70), (90, 37)]
     assert np.abs(keys - np.rint(keys)).max() < 1e-9
 

@@ -37,7 +37,7 @@ def test_ranks_and_nullities() -> None:
     assert list(spatial["euclidean"].values()) == list(spatial["inverse-depth"].values()) == [7, 6, 6]
     assert spatial["quaternion_0_points"] == 8
     assert list(numbers["flat_wall_nullities"].values()) == [6, 5, 4]
-    # Of T_CF's lasting error and the clock: by how Cs and Cf move, without a known length and with one.
+    # Of T_CF's time-correlated error and the clock: by how Cs and Cf move, without and with a known length.
     bias = [tuple(n.values()) for n in numbers["worn_bias_nullities"].values()]
     assert bias == [(0, 0), (0, 0), (1, 0), (1, 1), (0, 0), (2, 1), (2, 1)]
 
@@ -75,7 +75,7 @@ def test_the_core_gives_what_the_planar_filter_gives() -> None:
     assert compare(study.settings, *core)["average_ratio"] < 0.5
 
 
-def test_the_transport_makes_the_core_more_honest() -> None:
+def test_the_transport_makes_the_core_more_consistent() -> None:
     study = _study(2, cloud_runs=12)
     done = study.gather([Case("cloud", e, "mono") for e in (PLAIN, GAUGE_ONLY)], "")
     plain, gauge = (done[Case("cloud", e, "mono")] for e in (PLAIN, GAUGE_ONLY))

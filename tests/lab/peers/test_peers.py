@@ -19,7 +19,7 @@ from collabslam.geometry import rotation_exp
 from collabslam.types import Array, Image, Recording
 from collabslam_lab.cli import main as cli
 from collabslam_lab.peers import environments
-from collabslam_lab.peers.prepared import Found, run_script, write_job
+from collabslam_lab.peers.prepared import SystemResult, run_script, write_job
 from collabslam_lab.peers.scored import apart, scored
 from collabslam_lab.peers.systems import PEERS, SCRIPTS
 from collabslam_lab.peers.undistorted import Undistorted
@@ -129,12 +129,12 @@ def test_errors_are_those_of_the_frames_with_a_pose() -> None:
     truth = np.tile(np.eye(4), (5, 1, 1))
     truth[:, :3, 3] = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 2, 0], [2, 2, 0]], float)
     places = {k: (2.0 * truth[k, :3, 3]).tolist() for k in range(4)}
-    row = scored(Found(places, {}, 1.0), truth, metric=True, given=5)
+    row = scored(SystemResult(places, {}, 1.0), truth, metric=True, given=5)
     assert row["ate_sim3_pct"] == pytest.approx(0.0, abs=1e-9)
     spread = truth[:4, :3, 3] - truth[:4, :3, 3].mean(axis=0)
     assert row["ate_se3_pct"] == pytest.approx(100.0 * np.sqrt((spread**2).sum(axis=1).mean()) / 4.0)
     assert row["coverage"] == 0.8
-    assert scored(Found({0: places[0]}, {}, 1.0), truth, metric=True, given=5)["ate_sim3_pct"] is None
+    assert scored(SystemResult({0: places[0]}, {}, 1.0), truth, metric=True, given=5)["ate_sim3_pct"] is None
 
 
 def test_attitudes_are_compared_whichever_way_the_worlds_are_turned() -> None:
@@ -144,7 +144,7 @@ def test_attitudes_are_compared_whichever_way_the_worlds_are_turned() -> None:
     nods = np.radians([1.0, -1.0, 1.0, -1.0])
     turns = {k: world @ truth[k, :3, :3] @ rotation_exp([nod, 0.0, 0.0]) for k, nod in enumerate(nods)}
     ours = {k: truth[k, :3, :3] @ rotation_exp([nod, 0.0, 0.0]) for k, nod in enumerate(nods)}
-    row = scored(Found({}, {}, 1.0, [], turns), truth, metric=False, given=5, ours=ours)
+    row = scored(SystemResult({}, {}, 1.0, [], turns), truth, metric=False, given=5, ours=ours)
     assert row["attitude_deg"] == pytest.approx(1.0, abs=1e-3)
     assert row["attitude_to_ours_deg"] == pytest.approx(0.0, abs=1e-6)
     assert apart({0: world, 1: world}, {0: world, 1: world}) is None

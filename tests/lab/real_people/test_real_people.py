@@ -107,5 +107,5 @@ def test_an_inertial_unit_that_turns_slowly(tmp_path: Path, capsys: pytest.Captu
     (tmp_path / "empty").mkdir()
     assert lab.main(["people", str(tmp_path / "empty")]) == 2
     savemat(tmp_path / "other.mat", {"x": 1.0})
-    with pytest.raises(DataError, match="no recording of an inertial unit"):
+    with pytest.raises(DataError, match="not a recording of an inertial unit"):
         ahrs.judge(tmp_path / "other.mat")

@@ -16,7 +16,7 @@ from collabslam import Camera
 from collabslam.frontend.worn_verdict import ask_images
 from collabslam.geometry import pose, se3_exp
 from collabslam_lab.reliability.attacks import perform as performing
-from collabslam_lab.reliability.attacks.attack import HELD, REFUSED, Attack, Deed, Outcome, Result
+from collabslam_lab.reliability.attacks.attack import HELD, REFUSED, Attack, AttackOutcome, Deed, Result
 from collabslam_lab.reliability.attacks.perform import Ending, judge, perform
 from collabslam_lab.reliability.attacks.scene import Ground, Scene
 from collabslam_lab.reliability.attacks.table import ATTACKS, attacks_markdown
@@ -74,41 +74,50 @@ def _program(scene: Scene, text: str) -> Deed:
 @pytest.mark.parametrize(
     ("text", "outcome"),
     [
-        ("raise KeyError('x')", Outcome.TRACEBACK),
-        ("import os; os.abort()", Outcome.TRACEBACK),
-        ("import sys; sys.exit(3)", Outcome.TRACEBACK),
-        ("import time; time.sleep(600)", Outcome.HANG),
-        ("import os; os.remove(__file__)", Outcome.LOST),
-        ("open(__file__, 'a').write('#')", Outcome.LOST),
-        ("import sys; block = b'x' * 400_000_000; sys.exit(2)", Outcome.MEMORY),
-        ("import sys; sys.exit(2)", Outcome.UNNAMED),
-        ("import sys; print('collabslam: error: bad luck', file=sys.stderr); sys.exit(2)", Outcome.UNNAMED),
-        ("import sys; print('collabslam: error: bad word', file=sys.stderr); sys.exit(2)", Outcome.REFUSED),
-        ("import sys; sys.exit(4)", Outcome.CHANGED),
-        ("import sys; sys.exit(1)", Outcome.TOLD),
-        ("pass", Outcome.HELD),
+        ("raise KeyError('x')", AttackOutcome.TRACEBACK),
+        ("import os; os.abort()", AttackOutcome.TRACEBACK),
+        ("import sys; sys.exit(3)", AttackOutcome.TRACEBACK),
+        ("import time; time.sleep(600)", AttackOutcome.HANG),
+        ("import os; os.remove(__file__)", AttackOutcome.LOST),
+        ("open(__file__, 'a').write('#')", AttackOutcome.LOST),
+        ("import sys; block = b'x' * 400_000_000; sys.exit(2)", AttackOutcome.MEMORY),
+        ("import sys; sys.exit(2)", AttackOutcome.UNNAMED),
+        (
+            "import sys; print('collabslam: error: bad luck', file=sys.stderr); sys.exit(2)",
+            AttackOutcome.UNNAMED,
+        ),
+        (
+            "import sys; print('collabslam: error: bad word', file=sys.stderr); sys.exit(2)",
+            AttackOutcome.REFUSED,
+        ),
+        ("import sys; sys.exit(4)", AttackOutcome.CHANGED),
+        ("import sys; sys.exit(1)", AttackOutcome.TOLD),
+        ("pass", AttackOutcome.HELD),
     ],
 )
 def test_what_must_not_happen_is_seen(
-    ground: Ground, monkeypatch: pytest.MonkeyPatch, text: str, outcome: Outcome
+    ground: Ground, monkeypatch: pytest.MonkeyPatch, text: str, outcome: AttackOutcome
 ) -> None:
-    if outcome in (Outcome.MEMORY, Outcome.UNNAMED):  # the kernel hands a child the peak of its parent
+    if outcome in (
+        AttackOutcome.MEMORY,
+        AttackOutcome.UNNAMED,
+    ):  # the kernel hands a child the peak of its parent
         monkeypatch.setattr(performing, "MEGABYTES", 300.0)
-    ours = b"x" * 400_000_000 if outcome is Outcome.UNNAMED else b""
+    ours = b"x" * 400_000_000 if outcome is AttackOutcome.UNNAMED else b""
     attack = Attack("test", "it", "what", lambda scene: _program(scene, text), REFUSED, "word")
-    result = perform(attack, ground, seconds=1.0 if outcome is Outcome.HANG else LONGEST)
+    result = perform(attack, ground, seconds=1.0 if outcome is AttackOutcome.HANG else LONGEST)
     del ours
     assert result.outcome is outcome
-    assert result.good == (outcome is Outcome.REFUSED)
+    assert result.good == (outcome is AttackOutcome.REFUSED)
 
 
 def test_ok_beside_a_wrong_pose_is_seen(ground: Ground) -> None:
     attack = Attack("test", "it", "what", lambda scene: scene.run(), HELD)
     ending = Ending(0, 1.0, 100.0, "", "", hung=False)
-    assert judge(attack, ending, [], {"false_ok_share": 0.019}) is Outcome.HELD
-    assert judge(attack, ending, [], {"false_ok_share": 0.021}) is Outcome.WRONG
-    assert judge(attack, replace(ending, status=1), [], {"false_ok_share": 0.021}) is Outcome.WRONG
-    assert judge(attack, ending, [], {"false_ok_share": None}) is Outcome.HELD
+    assert judge(attack, ending, [], {"false_ok_share": 0.019}) is AttackOutcome.HELD
+    assert judge(attack, ending, [], {"false_ok_share": 0.021}) is AttackOutcome.WRONG
+    assert judge(attack, replace(ending, status=1), [], {"false_ok_share": 0.021}) is AttackOutcome.WRONG
+    assert judge(attack, ending, [], {"false_ok_share": None}) is AttackOutcome.HELD
     result = perform(attack, ground)
     assert result.good
     assert result.ok_share == 1.0
@@ -123,12 +132,12 @@ def test_ok_beside_a_wrong_pose_is_seen(ground: Ground) -> None:
 @pytest.mark.parametrize("beyond", [False, True])
 def test_what_no_image_tells_is_listed_and_is_not_held(beyond: bool) -> None:
     attack = Attack("test", "it", "what", lambda scene: scene.run(), HELD, beyond=beyond)
-    result = Result(attack, Outcome.WRONG, 0, 1.0, 1.0, "")
+    result = Result(attack, AttackOutcome.WRONG, 0, 1.0, 1.0, "")
     assert not result.good
     assert result.succeeded == (not beyond)
     assert ("wrong pose: no image tells |" in attacks_markdown([result])) == beyond
     assert ("**OK beside" in attacks_markdown([result])) == (not beyond)
-    assert Result(attack, Outcome.TRACEBACK, 0, 1.0, 1.0, "").succeeded
+    assert Result(attack, AttackOutcome.TRACEBACK, 0, 1.0, 1.0, "").succeeded
 
 
 def _against(pixels: list[np.ndarray], t_cf: np.ndarray, focals: tuple[float, float]) -> float:

@@ -20,7 +20,7 @@ from collabslam.checks.calibration import check_calibration
 from collabslam.checks.mistakes import (
     OPTICAL_FROM_BODY,
     WORN_POSE_MISTAKES,
-    Eye,
+    MirroredCamera,
     mirrored,
 )
 from collabslam.checks.trials import Trial, clock_trials
@@ -372,7 +372,7 @@ def test_the_focal_length_from_images_alone(monkeypatch: pytest.MonkeyPatch, fac
 
     monkeypatch.setattr("collabslam.checks.alone.describe", lambda image: image)
     monkeypatch.setattr("collabslam.checks.alone.match_points", match)
-    found = focal_range(lambda k: k, range(30), Eye(camera).with_focal(factor))
+    found = focal_range(lambda k: k, range(30), MirroredCamera(camera).with_focal(factor))
     assert found is not None
     assert found.contradicts == (factor != 1.0)
     assert found.least * factor <= 1.0 <= found.most * factor
@@ -382,7 +382,7 @@ def test_the_focal_length_from_images_alone(monkeypatch: pytest.MonkeyPatch, fac
 def test_images_that_stand_still_tell_no_focal_length(tmp_path: Path) -> None:
     image = np.random.default_rng(1).integers(0, 255, (120, 160), np.uint8)
     camera = Camera("pinhole", 160, 120, (100.0, 100.0, 79.5, 59.5))
-    assert focal_range(lambda k: image, range(12), Eye(camera)) is None
+    assert focal_range(lambda k: image, range(12), MirroredCamera(camera)) is None
 
 
 def test_without_true_poses_a_clock_may_be_a_focal_length() -> None:

@@ -11,7 +11,7 @@ import pytest
 from collabslam._core import Camera
 from collabslam.checks import depth
 from collabslam.checks.matching import Matches
-from collabslam.checks.mistakes import Eye
+from collabslam.checks.mistakes import MirroredCamera
 from collabslam.checks.robot import RobotReport
 from collabslam.types import DepthPoints
 
@@ -42,6 +42,6 @@ def test_depths_in_another_unit_are_named(monkeypatch: pytest.MonkeyPatch, facto
     recording: Any = Stub()
     monkeypatch.setattr(depth, "describe", lambda image: image)
     monkeypatch.setattr(depth, "match_points", lambda a, b: Matches(uvs[a], uvs[b]))
-    found = depth.check_depth(recording, RobotReport(Eye(CAMERA), {1: 0.1}, poses=poses))
+    found = depth.check_depth(recording, RobotReport(MirroredCamera(CAMERA), {1: 0.1}, poses=poses))
     assert (said in found[0]) if said else found == []
-    assert depth.check_depth(recording, RobotReport(Eye(CAMERA))) == []
+    assert depth.check_depth(recording, RobotReport(MirroredCamera(CAMERA))) == []

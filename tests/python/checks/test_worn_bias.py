@@ -1,4 +1,4 @@
-"""The lasting error of T_CF and Cf's clock: found where motion tells them, left alone where it does not."""
+"""The time-correlated error of T_CF and Cf's clock: found where motion tells them, else left alone."""
 
 from __future__ import annotations
 
@@ -89,7 +89,9 @@ def test_where_both_move_freely_all_is_found() -> None:
     assert np.abs(errors).max() < 4.0
     # Far better than what was thought possible, 6 cm, 1.4 degrees and 100 ms.
     assert all(np.all(fit.sd < [0.02] * 3 + [0.006] * 3 + [0.01]) for fit in fits)
-    assert all(abs(fit.units[0] - 1.1) < 0.05 and 0.6 < fit.misfit < 1.5 and believed(fit) for fit in fits)
+    assert all(
+        abs(fit.units[0] - 1.1) < 0.05 and 0.6 < fit.reduced_chi2 < 1.5 and believed(fit) for fit in fits
+    )
     assert rows(fits[0])[6] == [
         "clock of Cf",
         f"{1e3 * fits[0].calibration.clock:+.2f} +- {1e3 * fits[0].sd[6]:.2f} ms",
@@ -153,7 +155,7 @@ def test_views_that_share_no_error_are_not_believed() -> None:
     wild = [v._replace(measured=v.measured @ g.se3_exp(0.3 * draw.standard_normal(6))) for v in views]
     fit = fit_bias(wild, later)
     assert not believed(fit)
-    assert "No lasting error explains" in sentences(fit, np.ones(3))[-1]
+    assert "No time-correlated error explains" in sentences(fit, np.ones(3))[-1]
 
 
 def triplets(wrong: int, path_unit: float = 1.0) -> tuple[Triplets, Array]:
@@ -307,4 +309,4 @@ def test_without_a_worn_camera_there_is_nothing_to_find() -> None:
     alone = WrappedRecording(corridor_recording(length_m=1.0))
     alone.worn_camera = None
     with pytest.raises(DataError, match="no worn camera"):
-        recorded.lasting_error(alone)
+        recorded.time_correlated_error(alone)

@@ -160,7 +160,7 @@ def test_a_pipe_among_the_images(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "7.png")
     camera = tmp_path / "camera.yaml"
     camera.write_text("resolution: [32, 24]\nintrinsics: [30, 30, 15.5, 11.5]\nrate: 10\n")
-    with pytest.raises(DataError, match=r"7\.png is no regular file"):
+    with pytest.raises(DataError, match=r"7\.png is not a regular file"):
         open_recording(tmp_path, camera=camera)
 
 

@@ -477,7 +477,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     assert tree(out) == before
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("words")
-    with pytest.raises(DataError, match="no recording"):
+    with pytest.raises(DataError, match="not a recording"):
         write_recording(Memory(24, 0.0), tmp_path / "mine", overwrite=True)
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 

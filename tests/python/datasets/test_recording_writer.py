@@ -84,7 +84,7 @@ def test_what_is_refused_leaves_the_recording_as_it_was(clip: Clip, tmp_path: Pa
             writer.add(2.0, frame.image, [worn])
     with pytest.raises(InputError, match="load_camera"):
         RecordingWriter(tmp_path / "none", "camera.yaml")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="no name of a folder"):
+    with pytest.raises(InputError, match="not a name of a folder"):
         RecordingWriter(tmp_path / "none", source.camera, name="a/b")
 
 

@@ -108,7 +108,7 @@ def test_images_of_a_tum_list_lie_in_the_recording(tmp_path: Path, name: str) ->
 def test_a_recordings_name_is_no_path(walk: Path, name: str) -> None:
     header = walk / "recording.yaml"
     header.write_text(f"format: collabslam-recording\nversion: 1\nname: '{name}'\n")
-    with pytest.raises(DataError, match="no name of a folder"):
+    with pytest.raises(DataError, match="not a name of a folder"):
         open_recording(walk)
 
 

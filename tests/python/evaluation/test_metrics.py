@@ -273,19 +273,19 @@ def test_the_truth_starts_where_the_filter_did() -> None:
     np.testing.assert_allclose(aligned.poses[3], estimate[3], atol=1e-9)
 
 
-def test_honesty_is_told_apart_from_inflation(rng: np.random.Generator) -> None:
+def test_consistency_is_told_apart_from_inflation(rng: np.random.Generator) -> None:
     sd = np.array([0.1, 0.2, 0.3])
     errors = rng.normal(size=(20_000, 3)) * sd
-    honest = np.tile(np.diag(sd**2), (len(errors), 1, 1))
-    assert consistency.sharpness(errors, honest) == pytest.approx(1.0, abs=0.02)
-    assert consistency.sharpness(errors, 4.0 * honest) == pytest.approx(0.5, abs=0.01)
-    # overconfident in half of the poses, far too cautious in the others: the mean NEES is honest, this is not
-    mixed = honest.copy()
+    consistent = np.tile(np.diag(sd**2), (len(errors), 1, 1))
+    assert consistency.sharpness(errors, consistent) == pytest.approx(1.0, abs=0.02)
+    assert consistency.sharpness(errors, 4.0 * consistent) == pytest.approx(0.5, abs=0.01)
+    # overconfident in half of the poses, far too cautious in the others: the mean NEES is 3, this is not 1
+    mixed = consistent.copy()
     mixed[::2] *= 0.5
     mixed[1::2] *= 100.0
     assert consistency.nees(errors, mixed).mean() == pytest.approx(3.0, abs=0.1)
     assert consistency.sharpness(errors, mixed) < 0.2
-    assert math.isnan(consistency.sharpness(np.full((1, 3), np.nan), honest[:1]))
+    assert math.isnan(consistency.sharpness(np.full((1, 3), np.nan), consistent[:1]))
 
 
 def test_the_slowest_frames() -> None:

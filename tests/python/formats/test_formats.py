@@ -77,7 +77,7 @@ def test_evo_reads_the_tum_files(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_smfeval_tells_an_honest_covariance_from_one_that_is_not(run: Path, tmp_path: Path) -> None:
+def test_smfeval_tells_a_consistent_covariance_from_one_that_is_not(run: Path, tmp_path: Path) -> None:
     times, _, covariances = RunFolder(run).trajectory()
     tight = tmp_path / "tight.cov"
     trajectory.write_covariances(tight, times, covariances / 25.0)
@@ -177,7 +177,7 @@ def test_the_map_reads_back(run: Path, tmp_path: Path) -> None:
 
 def test_what_is_no_result_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["export", str(tmp_path), str(tmp_path / "x"), "--to", "euroc"]) == 2
-    assert "is no result folder" in capsys.readouterr().err
+    assert "is not a result folder" in capsys.readouterr().err
     (tmp_path / "map.ply").write_bytes(b"ply\nproperty float x\nend_header\n")
     with pytest.raises(DataError, match="not written by collabslam"):
         landmarks.read_ply(tmp_path / "map.ply")

@@ -8,7 +8,7 @@ import pytest
 
 from collabslam._core import Camera
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike
+from collabslam.frontend.plausible import VisibleLandmarks, far_from, surface_around, unlike
 from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import se3_exp
@@ -53,8 +53,8 @@ def test_a_brick_out_of_the_picture_is_not_found_in_another_one(seed: int) -> No
     assert (true[:, 0] < 0.0).sum() == 0
 
 
-def _seen(uv: Array, rho: float, sd: float) -> Seen:
-    return Seen(uv, np.full(len(uv), rho), np.full(len(uv), sd))
+def _seen(uv: Array, rho: float, sd: float) -> VisibleLandmarks:
+    return VisibleLandmarks(uv, np.full(len(uv), rho), np.full(len(uv), sd))
 
 
 def test_a_new_point_is_compared_with_the_surface_around_it() -> None:
@@ -74,7 +74,7 @@ def test_where_landmarks_are_far_off_more_of_them_have_to_agree() -> None:
     assert wall.rho[0] == pytest.approx(0.33)
     for rho, told in ((0.33, False), (0.1, True)):
         assert bool(unlike(_seen(here, rho, 0.02), wall)[0]) is told
-    corner = Seen(ring, np.array([0.33] * 8 + [0.5]), np.full(9, 0.02))
+    corner = VisibleLandmarks(ring, np.array([0.33] * 8 + [0.5]), np.full(9, 0.02))
     for landmarks in (_seen(ring[:8], 0.33, 0.02), _seen(here + 1.7 * (ring - here), 0.33, 0.02), corner):
         assert np.isnan(surface_around(here, landmarks, 640).rho[0])
 
@@ -82,7 +82,7 @@ def test_where_landmarks_are_far_off_more_of_them_have_to_agree() -> None:
 def test_landmarks_that_are_far_off_or_of_no_one_surface_or_few_say_nothing() -> None:
     here = np.array([[320.0, 210.0]])
     around = np.array([[300.0, 200.0], [340.0, 200.0], [320.0, 230.0]])
-    edge = Seen(around, np.array([0.33, 0.2, 0.33]), np.full(3, 0.005))
+    edge = VisibleLandmarks(around, np.array([0.33, 0.2, 0.33]), np.full(3, 0.005))
     for landmarks in (_seen(around + 300.0, 0.33, 0.005), _seen(around[:2], 0.33, 0.005), edge):
         silent = surface_around(here, landmarks, 640)
         assert np.isnan(silent.rho[0])

@@ -22,7 +22,7 @@ def test_a_map_that_is_right_is_confirmed_and_one_of_another_size_is_not() -> No
 
 def test_wrong_matches_say_nothing_together() -> None:
     wrong = [ask_size(np.random.default_rng(k).uniform(-2.5, 2.5, 12), SD) for k in range(200)]
-    assert np.mean([one > 1.0 for one in wrong]) < 0.02  # NaN is no contradiction
+    assert np.mean([one > 1.0 for one in wrong]) < 0.02  # NaN is not a contradiction
     mixed = [
         ask_size(np.concatenate([noise(k, 6), np.random.default_rng(k).uniform(-2.5, 2.5, 6)]), SD)
         for k in range(200)

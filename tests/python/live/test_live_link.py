@@ -28,7 +28,7 @@ from collabslam import DataError, Settings, SettingsError
 from collabslam.datasets import write_recording
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.live import link, messages, names
-from collabslam.live.cameras import PlayedRecording
+from collabslam.live.cameras import RecordingPlayback
 from collabslam.live.core import OdometrySample, RobotFrame
 from collabslam.live.keys import Keys, make_keys
 from collabslam.live.link import Address
@@ -93,7 +93,7 @@ def test_live_over_the_link_and_its_record_again(
             assert until(lambda: link.connected(at_device))
             robot.start()
             assert clip.recording.worn_camera is not None
-            camera = PlayedRecording(recording)
+            camera = RecordingPlayback(recording)
             camera.clock = Behind(played, 100.0)
             poses: list[bytes] = []
             heard = link.subscriber(at_device, names.POSE, lambda key, data: poses.append(data))

@@ -11,7 +11,7 @@ from collabslam import Camera, DataError
 from collabslam.geometry import pose, rotation_exp
 from collabslam.live import messages
 from collabslam.live.clock import Exchange
-from collabslam.live.steady import nanoseconds, seconds
+from collabslam.live.monotonic_clock import nanoseconds, seconds
 
 
 def some_pose(seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from collabslam.live.pace import (
     TRIED,
     Encoder,
     Pace,
-    Way,
+    Transport,
 )
 
 
@@ -83,54 +83,56 @@ def test_plain_images_go_out_whole() -> None:
     assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED).shape == (480, 720)
 
 
-def told(way: Way, reports: int, share: float, *, every: float = 0.5, t: float = 0.0) -> tuple[int, float]:
+def told(
+    transport: Transport, reports: int, share: float, *, every: float = 0.5, t: float = 0.0
+) -> tuple[int, float]:
     """Reports of a robot that gets a share of what goes as datagrams, and all else; what was sent, when."""
     sent = received = 0
     for _ in range(reports):
         for _ in range(5):
-            received += way.datagrams(sent) is False or (sent * share) % 1.0 + share >= 1.0
+            received += transport.datagrams(sent) is False or (sent * share) % 1.0 + share >= 1.0
             sent += 1
         t += every
-        way.report(t, sent, received)
+        transport.report(t, sent, received)
     return sent, t
 
 
 def test_datagrams_are_used_while_most_of_them_arrive() -> None:
-    way = Way()
-    sent, _ = told(way, 100, 0.7)
-    assert way.datagrams(sent)
+    transport = Transport()
+    sent, _ = told(transport, 100, 0.7)
+    assert transport.datagrams(sent)
 
 
 def test_a_network_that_loses_every_datagram_is_given_up_and_tried_again() -> None:
-    way = Way()
-    assert way.datagrams(0)
-    sent, _ = told(way, 1 + TRIED // 5, 0.0)
-    assert not way.datagrams(sent)
-    assert not way.datagrams(sent + AGAIN - 6)
-    assert way.datagrams(sent + AGAIN)
+    transport = Transport()
+    assert transport.datagrams(0)
+    sent, _ = told(transport, 1 + TRIED // 5, 0.0)
+    assert not transport.datagrams(sent)
+    assert not transport.datagrams(sent + AGAIN - 6)
+    assert transport.datagrams(sent + AGAIN)
 
 
 def test_a_burst_that_takes_most_of_ten_images_does_not_end_datagrams() -> None:
-    way = Way()
+    transport = Transport()
     sent = received = 0
     for k in range(80):  # of every 20 images 3 of the first ten and 9 of the others
         received += k % 20 in (0, 4, 8) or k % 20 > 10
         sent += 1
         if sent % 5 == 0:
-            way.report(0.1 * sent, sent, received)
-    assert way.datagrams(sent)
+            transport.report(0.1 * sent, sent, received)
+    assert transport.datagrams(sent)
 
 
 def test_a_network_that_loses_most_datagrams_is_given_up() -> None:
-    way = Way()
-    sent, _ = told(way, 2 + JUDGED // 5, 0.25)
-    assert not way.datagrams(sent)
+    transport = Transport()
+    sent, _ = told(transport, 2 + JUDGED // 5, 0.25)
+    assert not transport.datagrams(sent)
 
 
 def test_what_was_sent_into_the_dark_says_nothing() -> None:
-    way = Way()
-    sent, _ = told(way, 20, 0.0, every=PROMPT + 0.1)
-    assert way.datagrams(sent)
-    way.report(1000.0, 500, 0)
-    way.report(1000.4, 502, 1)  # a robot that was started anew counts from the beginning
-    assert way.datagrams(502)
+    transport = Transport()
+    sent, _ = told(transport, 20, 0.0, every=PROMPT + 0.1)
+    assert transport.datagrams(sent)
+    transport.report(1000.0, 500, 0)
+    transport.report(1000.4, 502, 1)  # a robot that was started anew counts from the beginning
+    assert transport.datagrams(502)

@@ -68,7 +68,7 @@ def test_the_tag_tells_where_cf_is(clip: Clip, posted: Posted) -> None:
     used = [(i, view) for i, p in enumerate(poses) for view in p.views]
     assert len(used) >= 3
     assert all(view.t == poses[i - 1].step.t for i, view in used)  # of the frame that was there when it came
-    assert np.mean([distance(clip, i - 1, i, view) for i, view in used]) < 12.0  # 6 is honest
+    assert np.mean([distance(clip, i - 1, i, view) for i, view in used]) < 12.0  # expected 6
     assert poses[-1].step.started
     assert poses[-1].step.metric
 
@@ -94,7 +94,7 @@ def test_a_phone_that_tracks_itself_saw_the_tag_once(clip: Clip, posted: Posted)
     used = [(i, view) for i, p in enumerate(poses) for view in p.views]
     assert len(used) >= shown - 2
     times = [frame.t for frame in clip.frames]
-    assert np.mean([distance(clip, times.index(view.t), i, view) for i, view in used]) < 12.0  # 6 is honest
+    assert np.mean([distance(clip, times.index(view.t), i, view) for i, view in used]) < 12.0  # expected 6
     assert used[-1][1].bias is not None
     other = LiveView("anna/2", poses[-1].step.t + 0.1, sent[-2].image, own=OwnPose(np.eye(4), np.eye(6)))
     core.handle(other)
@@ -112,11 +112,11 @@ def test_a_phone_that_finds_itself_elsewhere_begins_anew(clip: Clip, posted: Pos
     assert frame.views
     assert posted.worn_camera is not None
     world.move(1.0, here, sightings(frame.views[0].image, posted.worn_camera, [TAG]))
-    ((first, lasting),) = world.sightings()
-    assert lasting is None
+    ((first, time_correlated),) = world.sightings()
+    assert time_correlated is None
     world.move(61.0, OwnPose(here.t_xf, here.covariance), [])
-    ((later, lasting),) = world.sightings()
-    assert lasting is not None
+    ((later, time_correlated),) = world.sightings()
+    assert time_correlated is not None
     np.testing.assert_allclose(later.t_tc, first.t_tc)
     grown = np.sqrt(np.diag(later.covariance - first.covariance)[3:])
     np.testing.assert_allclose(grown, np.deg2rad(0.5), rtol=0.1)  # after a minute

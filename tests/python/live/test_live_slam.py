@@ -22,7 +22,7 @@ from collabslam.live.slam import BOUNDS, LiveSlam
 from collabslam.live.views import BROKEN, NO_CLOCK, OTHER, REFUSED, LiveView
 from collabslam.settings.table import Settings
 from collabslam.slam.worn.late_views import FUTURE, REPEATED, SUPERSEDED
-from collabslam.slam.worn.looking import DIAGNOSTICS
+from collabslam.slam.worn.view_planning import DIAGNOSTICS
 from collabslam.types import Frame
 
 FRAMES = 14
@@ -278,13 +278,13 @@ def test_the_picture_joins_what_both_see(clip: Clip, frames: list[Frame]) -> Non
 
 def test_the_status_says_where_to_look_where_the_run_asks_for_it(clip: Clip, frames: list[Frame]) -> None:
     camera, worn_camera = clip.recording.camera, clip.recording.worn_camera
-    asked = Settings.default().replace({"frontend.worn.where_to_look": True})
+    asked = Settings.default().replace({"frontend.worn.next_best_view": True})
     for settings in (None, asked):
         core = LiveCore(Slam(camera, worn_camera, settings=settings), same_clock=True)
         pose = fed(core, events(frames[:4]))[-1]
         robot_says = status_from(status_of(pose, {}, {}))["robot"]
-        said = {name for name in robot_says if name.startswith("look_")}
+        said = {name for name in robot_says if name.startswith("next_view_")}
         assert said == (set(DIAGNOSTICS) if settings else set())
-    assert float(robot_says["look_right_deg"]) == pytest.approx(
-        pose.step.diagnostics["look_right_deg"], rel=1e-3
+    assert float(robot_says["next_view_right_deg"]) == pytest.approx(
+        pose.step.diagnostics["next_view_right_deg"], rel=1e-3
     )

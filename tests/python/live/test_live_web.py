@@ -31,7 +31,7 @@ from collabslam import Camera
 from collabslam.live import link, messages, names
 from collabslam.live.gateway import Gateway, seen_from_above
 from collabslam.live.keys import make_keys
-from collabslam.live.steady import SteadyClock
+from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.web import Tokens, WebServer
 
 TOKENS = Tokens("phone-token", "view-token")
@@ -43,7 +43,7 @@ class Robot:
     """What a robot hears and answers, without a filter."""
 
     def __init__(self, session: Any) -> None:
-        self.clock = SteadyClock(50.0)
+        self.clock = MonotonicClock(50.0)
         self.heard: list[tuple[str, bytes]] = []
         self._kept = [
             link.subscriber(session, names.ALL_WORN, lambda key, data: self.heard.append((key, data))),
@@ -130,7 +130,7 @@ def test_a_phone_is_a_worn_camera(robot: tuple[Robot, Gateway], keys: Path) -> N
             await page.send(b"short")
             while len(there.of(names.IMAGE)) < 2 or len(there.of(names.EXCHANGE)) < 3:
                 await asyncio.sleep(0.05)  # what comes at once is held to be a flood
-                await page.send(struct.pack(">d", taken + 1.0) + picture())  # behind what is no image
+                await page.send(struct.pack(">d", taken + 1.0) + picture())  # behind what is not an image
             return taken, gateway.clock.now() - began
 
     taken, lasted = served(gateway, keys, visit)

@@ -26,10 +26,10 @@ from collabslam.cli.live_robot import device_names
 from collabslam.datasets import write_recording
 from collabslam.datasets.wrapped import OnlyPersons, WrappedRecording
 from collabslam.live import link, messages, names
-from collabslam.live.cameras import PlayedRecording
+from collabslam.live.cameras import RecordingPlayback
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotFrame
-from collabslam.live.downlink import looks_of, status_of, view_picture
+from collabslam.live.downlink import status_of, view_picture, view_plans_of
 from collabslam.live.gateway import Gateway
 from collabslam.live.link import Address
 from collabslam.live.record import EventReader, EventWriter, LivePlan
@@ -236,16 +236,18 @@ def test_the_picture_shows_each(clip: Clip, frames: list[Frame]) -> None:
 
 
 def test_each_is_told_where_to_look(clip: Clip, frames: list[Frame]) -> None:
-    settings = Settings.default().replace({"frontend.worn.where_to_look": True})
+    settings = Settings.default().replace({"frontend.worn.next_best_view": True})
     lenses = dict.fromkeys(PERSONS, clip.recording.worn_camera)
     slam = Slam(clip.recording.camera, lenses, settings=settings)
     pose = fed(LiveCore(slam, same_clock=True), sent_at_once(frames[:4]))[-1]
-    told = messages.status_from(status_of(pose, {}, {name: {} for name in PERSONS}, looks_of(pose, slam)))
-    assert "look_gain" not in told["robot"]
+    told = messages.status_from(
+        status_of(pose, {}, {name: {} for name in PERSONS}, view_plans_of(pose, slam))
+    )
+    assert "next_view_gain" not in told["robot"]
     for name in PERSONS:
-        look = slam.where_to_look(name)
-        assert look is not None
-        assert float(told[name]["look_gain"]) == pytest.approx(look.gain, rel=1e-3)
+        plan = slam.next_best_view(name)
+        assert plan is not None
+        assert float(told[name]["next_view_gain"]) == pytest.approx(plan.gain, rel=1e-3)
         assert told[name]["message"] == "collab"
 
 
@@ -277,9 +279,9 @@ def test_a_robot_waits_for_the_calibration_of_each(clip: Clip) -> None:
     uplink = Uplink(lambda event: None, lambda: 0.0)
     for name in ("anna", "clara"):
         uplink.take(names.key(name, names.CAMERA_INFO), messages.camera_info(0.0, name, lens))
-    both, one = PlayedRecording(Both(clip, 2)), PlayedRecording(OnlyPersons(Both(clip, 2), ["ben"]))
+    both, one = RecordingPlayback(Both(clip, 2)), RecordingPlayback(OnlyPersons(Both(clip, 2), ["ben"]))
 
-    def found(camera: PlayedRecording, **asked: Any) -> dict[str, Camera]:
+    def found(camera: RecordingPlayback, **asked: Any) -> dict[str, Camera]:
         return worn_calibrations(RobotOptions(Path(), Settings.default(), **asked), camera, uplink)
 
     assert list(found(both)) == ["anna", "ben"]
@@ -320,7 +322,7 @@ class Both(WrappedRecording):
 
 
 def test_a_device_plays_the_person_of_its_name(clip: Clip) -> None:
-    played = PlayedRecording(Both(clip, 4))
+    played = RecordingPlayback(Both(clip, 4))
     with pytest.raises(SettingsError, match=r"views of anna, ben.*'clara'"):
         played.play("clara")
     played.play("ben")
@@ -364,12 +366,12 @@ def test_two_devices_and_a_robot_over_the_link(clip: Clip, tmp_path: Path) -> No
     assert summary["links"]["collab"] >= len(clip.frames) - 2
 
 
-def played(folder: Path) -> PlayedRecording:
-    return PlayedRecording(open_recording(folder))
+def played(folder: Path) -> RecordingPlayback:
+    return RecordingPlayback(open_recording(folder))
 
 
 def play(
-    folder: Path, name: str, address: Address, robot: threading.Thread, played_by_robot: PlayedRecording
+    folder: Path, name: str, address: Address, robot: threading.Thread, played_by_robot: RecordingPlayback
 ) -> None:
     camera = played(folder)
     camera.clock = Behind(played_by_robot, 100.0)

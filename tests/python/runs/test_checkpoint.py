@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.clip import Clip, Short
 
-from collabslam._core import Camera, Factor, Filter, Placed, WornMeasurement
+from collabslam._core import Camera, Factor, Filter, PosedNode, WornMeasurement
 from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.errors import DataError, InputError, SettingsError
@@ -50,7 +50,7 @@ def differences(a: Any, b: Any, path: str, seen: set[int]) -> list[str]:
     seen.add(id(a))
     if isinstance(a, Filter):
         return [] if a.snapshot() == b.snapshot() else [path]
-    if isinstance(a, Factor | Placed) and isinstance(b, type(a)):
+    if isinstance(a, Factor | PosedNode) and isinstance(b, type(a)):
         names = [n for n in dir(a) if not n.startswith("_") and not callable(getattr(a, n))]
         return [d for n in names for d in differences(getattr(a, n), getattr(b, n), f"{path}.{n}", set())]
     if type(a) is not type(b) and not (isinstance(a, list | tuple) and isinstance(b, list | tuple)):
@@ -79,7 +79,7 @@ def differences(a: Any, b: Any, path: str, seen: set[int]) -> list[str]:
 
 
 SKIPPED = {
-    "Beside": ("_now",),
+    "BackgroundTask": ("_now",),
     "Chain": ("graph", "solved"),
     "FlowImage": ("small",),
     "Guard": ("turn", "_kept"),
@@ -151,7 +151,7 @@ def test_spoilt_files_are_refused(saved: Path, tmp_path: Path) -> None:
     good, path = saved.read_bytes(), tmp_path / "bad.bin"
     random = np.random.Generator(np.random.PCG64(0))
     cases = [(good[:k], "cut short|altered") for k in (9, 30, 1000, len(good) // 2, len(good) - 1)]
-    cases += [(b"", "cut short"), (b"#!/bin/sh\n" * 100, "is no engine state"), (good + b"0", "altered")]
+    cases += [(b"", "cut short"), (b"#!/bin/sh\n" * 100, "is not an engine state"), (good + b"0", "altered")]
     cases.append((good[:8] + b"\x02" + good[9:], "has version 2"))
     for _ in range(20):
         at = int(random.integers(12, len(good)))

@@ -16,7 +16,7 @@ from collabslam import DataError, InputError, RecordingWriter, Settings, Setting
 from collabslam.checks.board import board_poses
 from collabslam.checks.calibration import check_calibration, check_persons
 from collabslam.checks.doctor import diagnose
-from collabslam.checks.worn_bias.recorded import lasting_error
+from collabslam.checks.worn_bias.recorded import time_correlated_error
 from collabslam.cli import main as cli
 from collabslam.datasets import attach_worn, write_recording
 from collabslam.datasets.ros.writer import topics_of, write_bag
@@ -136,8 +136,8 @@ def test_a_calibration_is_given_to_each_once(folder: Path, capsys: pytest.Captur
 
 @pytest.mark.slow
 def test_two_see_more_than_one(folder: Path) -> None:
-    # Without slips: they go by the innovations of a few frames, of which two persons' are other ones.
-    settings = with_switches(Settings.default().replace(GLOBAL_SHUTTER), {"filter.process.handover": 0.0})
+    # Without map drift: it goes by the innovations of a few frames, of which two persons' are other ones.
+    settings = with_switches(Settings.default().replace(GLOBAL_SHUTTER), {"filter.process.map_drift": 0.0})
     recordings = open_recording(folder), attach_worn(open_recording(folder), "recorded:ben")
     both, alone = (runner.run(each, settings=settings).record.covariances[-1] for each in recordings)
     assert np.linalg.slogdet(both)[1] < np.linalg.slogdet(alone)[1]
@@ -211,7 +211,11 @@ def test_the_calibration_of_each_is_checked(folder: Path, tmp_path: Path) -> Non
     assert all(report.worn.residual is not None for report in reports.values())
     assert reports["anna"].by_gap == reports["ben"].by_gap
     assert cli.main(["check-calib", str(folder), "--write", str(tmp_path / "worn.yaml")]) == 2
-    for ask in (check_calibration, lasting_error, lambda recording: board_poses(recording, Board(9, 6, 0.1))):
+    for ask in (
+        check_calibration,
+        time_correlated_error,
+        lambda recording: board_poses(recording, Board(9, 6, 0.1)),
+    ):
         with pytest.raises(SettingsError, match="recorded:anna"):
             ask(open_recording(folder))
 

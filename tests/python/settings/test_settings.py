@@ -18,14 +18,14 @@ DENSITY, ORDER, TEST = (
     "filter.worn.start_births",
     "filter.validate.test",
 )
-SHARE, FLAG = "frontend.detect.quality", "frontend.worn.where_to_look"
+SHARE, FLAG = "frontend.detect.quality", "frontend.worn.next_best_view"
 
 
 def test_a_value_is_an_attribute_with_its_own_type() -> None:
     settings = Settings.default().replace({"filter.worn.late": 3, FLAG: True, ORDER: "9"})
     assert settings.filter.worn.late == settings["filter.worn.late"] == 3.0
     assert settings.filter.worn.start_births == 9
-    assert settings.frontend.worn.where_to_look is True
+    assert settings.frontend.worn.next_best_view is True
     assert settings != Settings.default()
     assert pickle.loads(pickle.dumps(settings)) == settings
 
@@ -58,7 +58,7 @@ def test_all_faults_are_named_at_once() -> None:
                     "worn": {"start_births": 2.5},
                     "estimator": {"mode": "x"},
                 },
-                "frontend": {"detect": {"quality": 2}, "worn": {"where_to_look": 1}},
+                "frontend": {"detect": {"quality": 2}, "worn": {"next_best_view": 1}},
             }
         )
     text = str(caught.value)

@@ -54,9 +54,9 @@ def seen(*against: float, size: float = float("nan")) -> Overlaps:
     )
 
 
-def born(strayed: int = 0, by: float = 1.0) -> MapChange:
-    """Five candidates became features, others strayed by so many times what is allowed."""
-    return MapChange(delayed={k: k for k in range(5)}, strayed=np.full(strayed, by))
+def born(off_arc: int = 0, by: float = 1.0) -> MapChange:
+    """Five candidates became features, others are off their arc by so many times what is allowed."""
+    return MapChange(delayed={k: k for k in range(5)}, off_arc=np.full(off_arc, by))
 
 
 def verdict(frame: Callable[[int], tuple[Any, Overlaps, MapChange]]) -> str:
@@ -86,7 +86,7 @@ def test_a_good_run_is_never_degraded() -> None:
     [
         ("matches", (report(refused=5), Overlaps(), born())),
         ("noise", (report(nis=90.0), Overlaps(), born())),
-        ("moving", (report(), Overlaps(), born(strayed=1))),
+        ("moving", (report(), Overlaps(), born(off_arc=1))),
         ("cf_matches", (report(worn=4), seen(0.1), born())),
         ("t_cf", (report(), seen(1.1), born())),
     ],
@@ -118,7 +118,7 @@ def test_who_strays_far_at_once_says_less_than_who_strays_slowly() -> None:
         judge = monitor()
         for _ in range(60):
             judge.judge(report(), FOUND, Overlaps(), born())
-        said[by] = [judge.judge(report(), FOUND, Overlaps(), born(strayed=4, by=by)) for _ in range(12)][-1]
+        said[by] = [judge.judge(report(), FOUND, Overlaps(), born(off_arc=4, by=by)) for _ in range(12)][-1]
     assert said == {1.1: "moving", 4.0: NOTHING}
 
 

@@ -35,7 +35,7 @@ def test_an_imu_says_how_it_sits_and_how_good_it_is() -> None:
     np.testing.assert_allclose(covariance, 4e-4 * np.eye(3), atol=1e-18)
     np.testing.assert_allclose(slam.filter.gyro_clock, (0.3, 0.01))
     assert Settings.default().filter.imu.gyro_bias_sd > 0.02
-    with pytest.raises(InputError, match="no rotation"):
+    with pytest.raises(InputError, match="not a rotation"):
         Slam(CAMERA, start="scale-free", mode="mono", imu=Imu(r_ci=np.diag([1.0, 1.0, -1.0])))
     with pytest.raises(SettingsError):
         Slam(CAMERA, start="scale-free", mode="mono", imu=Imu(mount_sd=-1.0))

@@ -52,10 +52,10 @@ def test_who_gives_no_view_is_where_nobody_knows(clip: Any) -> None:
     for frame in [f for f in clip.frames if f.views][:3]:
         result = slam.step(frame.t, frame.image, views(frame, "ben"))
     assert list(result.worn) == ["ben"]
-    assert slam.where_to_look("anna") is None
-    assert slam.where_to_look("ben") is not None
+    assert slam.next_best_view("anna") is None
+    assert slam.next_best_view("ben") is not None
     with pytest.raises(InputError, match="clara"):
-        slam.where_to_look("clara")
+        slam.next_best_view("clara")
 
 
 def test_a_view_of_nobody_and_two_of_one_are_refused(clip: Any) -> None:

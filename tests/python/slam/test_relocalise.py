@@ -209,7 +209,7 @@ def test_back_in_the_first_map(recording: SimulatedRecording, images: list[Image
     walk.is_right(i)
     jump = se3_log(pose_inverse(before) @ step.pose)
     assert 0.3 * (jump @ jump) < np.trace(step.covariance) < 0.1 * unsure + 0.7 * (jump @ jump)
-    again = Slam.load(tmp_path / "engine")  # a checkpoint holds the map that was put aside
+    again = Slam.load(tmp_path / "engine")  # a checkpoint holds the map that was made inactive
     times = walk.t - 0.1 * (i - 11) + 0.1 * np.arange(i - 10)
     for k, t in zip(range(11, i + 1), times, strict=True):
         other = again.step(float(t), images[k])

@@ -149,8 +149,8 @@ def test_views_of_another_camera(clip: Clip) -> None:
     [
         (lambda d: d[:-1], "cut short|altered"),
         (lambda d: d[:100], "cut short|altered"),
-        (lambda d: b"", "cut short|no map"),
-        (lambda d: b"P6\n" + d, "no map"),
+        (lambda d: b"", "cut short|not a map"),
+        (lambda d: b"P6\n" + d, "not a map"),
         (lambda d: d[: len(d) // 2] + bytes([d[len(d) // 2] ^ 1]) + d[len(d) // 2 + 1 :], "altered"),
         (lambda d: d[:8] + struct.pack("<I", 99) + d[12:], "version 99"),
     ],
@@ -178,7 +178,7 @@ def test_a_bad_file(
 def test_parts_that_do_not_fit(slam: Slam, tmp_path: Path, changes: dict[str, Array]) -> None:
     path = tmp_path / "odd.map"
     dataclasses.replace(slam.saved_map(), **changes).save(path)
-    with pytest.raises(DataError, match="no map"):
+    with pytest.raises(DataError, match="not a map"):
         SavedMap.load(path)
 
 

@@ -18,8 +18,8 @@ from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.results import StepResult
 from collabslam.simulation import SimulatedRecording, corridor_recording
 from collabslam.slam.engine import Slam
-from collabslam.slam.submaps.beside import Beside
-from collabslam.slam.submaps.whole_map import whole_way
+from collabslam.slam.submaps.background_task import BackgroundTask
+from collabslam.slam.submaps.whole_map import submap_poses
 from collabslam.types import Array, Status
 
 OUT = 26
@@ -59,7 +59,7 @@ def _measured(count: int) -> tuple[list[Array], list[tuple[int, int, Array]], Ar
 def _graph(start: list[Array], links: list[tuple[int, int, Array]], covariance: Array) -> PoseGraph:
     factors = [Factor.of_pose(-1, 0, start[0], np.zeros((6, 6)))]
     factors += [Factor.of_pose(i, j, relative, covariance) for i, j, relative in links]
-    factors += [Factor.of_handed_on(i, 1e-4 * np.eye(7)) for i in range(len(start))]
+    factors += [Factor.of_transferred(i, 1e-4 * np.eye(7)) for i in range(len(start))]
     return PoseGraph(np.stack(start), np.zeros((len(start), 7)), factors)
 
 
@@ -86,7 +86,7 @@ def test_the_graph_agrees_with_gtsam() -> None:
         moved = max(moved, np.linalg.norm(ours.poses[i][:3, 3] - start[i][:3, 3]))
         p = marginals.marginalCovariance(i)[np.ix_(order, order)]
         if i:
-            assert np.abs(ours.placed(i).covariance[:6, :6] - p).max() < 0.02 * np.abs(p).max(), i
+            assert np.abs(ours.posed_node(i).covariance[:6, :6] - p).max() < 0.02 * np.abs(p).max(), i
     assert moved > 0.02
     keys = gtsam.KeyVector([4, 17])
     joint = marginals.jointMarginalCovariance(keys).fullMatrix()
@@ -100,7 +100,7 @@ def test_a_graph_says_what_is_wrong_with_it() -> None:
     start, links, covariance = _measured(16)
     graph = _graph(start[:8], links[:7], covariance)
     with pytest.raises(InputError, match="no submap 8 among 8"):
-        graph.placed(8)
+        graph.posed_node(8)
     with pytest.raises(InputError, match="no submap 9"):
         graph.relative(0, 9)
     with pytest.raises(InputError, match="factor 0"):
@@ -216,11 +216,11 @@ def test_the_whole_map_has_what_the_filter_has_left_behind(walk: Walk, recording
 
 
 @pytest.mark.slow
-def test_a_singular_covariance_of_what_was_handed_on_is_named(walk: Walk) -> None:
+def test_a_singular_covariance_of_what_was_transferred_is_named(walk: Walk) -> None:
     chain = walk.slam._parts.submaps.chain()
-    spoilt = replace(chain.submaps[1], handed_on=chain.submaps[1].handed_on + 1e9)
+    spoilt = replace(chain.submaps[1], transferred=chain.submaps[1].transferred + 1e9)
     with pytest.raises(FilterError, match="singular"):
-        whole_way(replace(chain, submaps=[chain.submaps[0], spoilt, *chain.submaps[2:]]))
+        submap_poses(replace(chain, submaps=[chain.submaps[0], spoilt, *chain.submaps[2:]]))
 
 
 @pytest.mark.slow
@@ -253,10 +253,10 @@ def test_an_engine_of_a_file_finds_the_same_loops_however_long_that_takes(
     for wrong, message in (
         ({"poses": np.empty((0, 4, 4))}, "as many poses as submaps"),
         ({"submaps": part["_chain"]["submaps"][:-1]}, "as many poses as submaps"),
-        ({"factors": [{**part["_chain"]["factors"][0], "weight": np.zeros((6, 19))}]}, "submaps handed on"),
-        ({"factors": [{**part["_chain"]["factors"][1], "handed_on": np.zeros(6)}]}, "submaps handed on"),
-        ({"handed_on": [np.zeros(13), *part["_chain"]["handed_on"][1:]]}, "each submap handed on"),
-        ({"handed_on": np.zeros((len(part["_chain"]["submaps"]), 7))}, "a list"),
+        ({"factors": [{**part["_chain"]["factors"][0], "weight": np.zeros((6, 19))}]}, "submaps transferred"),
+        ({"factors": [{**part["_chain"]["factors"][1], "transferred": np.zeros(6)}]}, "submaps transferred"),
+        ({"transferred": [np.zeros(13), *part["_chain"]["transferred"][1:]]}, "each submap transferred"),
+        ({"transferred": np.zeros((len(part["_chain"]["submaps"]), 7))}, "a list"),
     ):
         bad = {**part, "_chain": {**part["_chain"], **wrong}}
         with pytest.raises(DataError, match=message):
@@ -267,42 +267,42 @@ def test_an_engine_of_a_file_finds_the_same_loops_however_long_that_takes(
 def test_a_chain_of_other_worn_cameras_than_the_filter_has_is_refused(walk: Walk) -> None:
     state = walk.slam.state()
     part = state["parts"]["submaps"]
-    placed = {**part["_placed"], "handed_on": np.zeros(13), "covariance": np.eye(19)}
-    bad = {**state, "parts": {**state["parts"], "submaps": {**part, "_placed": placed}}}
+    posed_node = {**part["_posed_node"], "transferred": np.zeros(13), "covariance": np.eye(19)}
+    bad = {**state, "parts": {**state["parts"], "submaps": {**part, "_posed_node": posed_node}}}
     with pytest.raises(DataError, match="as many worn cameras as the filter"):
         Slam.from_state(bad)
-    placed = {**part["_placed"], "covariance": np.eye(14)}
-    bad = {**state, "parts": {**state["parts"], "submaps": {**part, "_placed": placed}}}
+    posed_node = {**part["_posed_node"], "covariance": np.eye(14)}
+    bad = {**state, "parts": {**state["parts"], "submaps": {**part, "_posed_node": posed_node}}}
     with pytest.raises(DataError, match="13x13 array"):
         Slam.from_state(bad)
 
 
-def test_of_two_persons_both_errors_are_handed_on(recording: SimulatedRecording) -> None:
+def test_of_two_persons_both_errors_are_transferred(recording: SimulatedRecording) -> None:
     slam = Slam(recording.camera, {"anna": recording.worn_camera, "ben": recording.worn_camera})
     for i in range(3):
         frame = recording.frame(i)
         views = [replace(view, who=who) for view in frame.views for who in ("anna", "ben")]
         slam.step(frame.t, frame.image, views)
     submap = slam._parts.submaps.chain().submaps[0]
-    assert submap.handed_on.shape == (13, 13)
-    assert submap.with_handed_on.shape == (3 * len(submap.ids), 13)
+    assert submap.transferred.shape == (13, 13)
+    assert submap.with_transferred.shape == (3 * len(submap.ids), 13)
     saved = slam.saved_map()
-    assert [len(numbers) for numbers in saved.submaps.handed_on] == [13]
+    assert [len(numbers) for numbers in saved.submaps.transferred] == [13]
 
 
 def test_work_beside_gives_what_it_gives_and_raises_what_it_raises() -> None:
     gone, calls = threading.Event(), []
-    beside: Beside[bool] = Beside()
+    task: BackgroundTask[bool] = BackgroundTask()
 
     def waits() -> bool:
         calls.append(threading.current_thread())
         return gone.wait(LONGEST)
 
     for wanted in ("one", "another"):
-        beside.begin(wanted, waits)
-        beside.begin(wanted, waits)
+        task.begin(wanted, waits)
+        task.begin(wanted, waits)
     gone.set()
-    assert beside.result("another", waits)
+    assert task.result("another", waits)
     assert len(calls) == 2
     assert threading.current_thread() not in calls
 
@@ -311,4 +311,4 @@ def test_work_beside_gives_what_it_gives_and_raises_what_it_raises() -> None:
 
     for _ in range(2):
         with pytest.raises(FilterError, match="no"):
-            beside.result("failing", fails)
+            task.result("failing", fails)

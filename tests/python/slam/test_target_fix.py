@@ -85,16 +85,16 @@ def go_on(slam: Slam, images: list[Image]) -> list[StepResult]:
 
 
 def distance(result: StepResult, true: Array) -> float:
-    """Squared distance from the truth in standard deviations; 6 is honest."""
+    """Squared distance from the truth in standard deviations; expected 6."""
     error = se3_log(pose_inverse(result.pose) @ true)
     return float(error @ np.linalg.solve(result.covariance, error))
 
 
-def test_a_tag_alone_finds_the_camera_with_an_honest_covariance(walk: Posted) -> None:
+def test_a_tag_alone_finds_the_camera_with_a_consistent_covariance(walk: Posted) -> None:
     slam = lost(walk, [])
     wide = slam.filter.pose_covariance
     results = go_on(slam, [bare(walk, k, [TAG]) for k in range(8)])
-    assert results[0].status is Status.COASTING  # four corners are no full set
+    assert results[0].status is Status.COASTING  # four corners are not a full set
     assert results[0].diagnostics["relocalised"] == 1
     assert all(result.valid for result in results)
     assert np.mean([distance(r, moved(k)) for k, r in enumerate(results)]) < 10.0

@@ -39,7 +39,7 @@ def test_a_printed_target_tells_the_pose(target: Tag | Board) -> None:
         error = se3_log(pose_inverse(seen.t_tc) @ true)
         distance.append(error @ np.linalg.solve(seen.covariance, error))
         ranges.append(np.linalg.norm(seen.t_tc[:3, 3]) / np.linalg.norm(true[:3, 3]) - 1.0)
-    assert np.mean(distance) < 9.0  # 6 is honest
+    assert np.mean(distance) < 9.0  # expected 6
     assert np.abs(ranges).max() < 0.02
     assert np.abs(np.mean(ranges)) < 0.006
 
@@ -69,11 +69,11 @@ def test_texts_of_targets() -> None:
     assert Tag.parse("36h11:3=0.16") == TAG
     assert Tag.parse(str(Tag("4x4_50", 0, 1 / 3))) == Tag("4x4_50", 0, 1 / 3)
     assert Board.parse("7x4:0.05") == BOARD
-    for text, message in (("36h11", "no tag"), ("36h12:3=0.1", "no set"), ("36h11:-3=0.1", "whole number"),
+    for text, message in (("36h11", "not a tag"), ("36h12:3=0.1", "no set"), ("36h11:-3=0.1", "whole number"),
                           ("36h11:3=0", "up to 100"), ("36h11:3=nan", "up to 100")):  # fmt: skip
         with pytest.raises(InputError, match=message):
             Tag.parse(text)
-    for text, message in (("7x4", "no board"), ("2x4:0.1", "does not do"), ("7x4:-1", "up to 100")):
+    for text, message in (("7x4", "not a board"), ("2x4:0.1", "does not do"), ("7x4:-1", "up to 100")):
         with pytest.raises(InputError, match=message):
             Board.parse(text)
 
@@ -95,7 +95,7 @@ def test_one_camera_starts_metric_from_a_printed_target(clip: Clip, target: Tag 
     coasting = [i for i, step in enumerate(result.record.steps) if step.status.value != "OK"]
     assert coasting in ([], [0])
     assert result.summary["frames_ok"] == 15 - len(coasting)
-    assert result.summary["nees_position"] < 9.0  # 3 is honest
+    assert result.summary["nees_position"] < 9.0  # expected 3
     assert length_share(result.record, walk.truth) == pytest.approx(1.0, abs=0.02)
     assert result.record.diagnostic("printed_targets")[0] == 1
     # How well the target's size is known limits how well the scale can be.
@@ -180,7 +180,7 @@ def test_a_tag_in_both_images_is_a_worn_cameras_pose(clip: Clip, tmp_path: Path)
     assert np.mean(distance) < 12.0
     words = ["run", str(tmp_path / "walk"), "--topics", "t_cf=tag:36h11:3=0.16", "--tag", "36h11:3=0.16"]
     assert cli.main([*words, "--out", str(tmp_path / "out")]) == 0
-    for text, message in (("tag:36h11", "no tag"), ("board:7x5:0.03", "upside down"),
+    for text, message in (("tag:36h11", "not a tag"), ("board:7x5:0.03", "upside down"),
                           ("tag:36h11:3=0.16+sphere:1", "not understood")):  # fmt: skip
         with pytest.raises(SettingsError, match=message):
             open_recording(tmp_path / "walk", topics={"t_cf": text})

@@ -1,4 +1,4 @@
-"""How a person is built, measured with a board: the geometry, its honesty, its manners."""
+"""How a person is built, measured with a board: the geometry, its consistency, its manners."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from collabslam.targets.kinds import Board
 from collabslam.targets.printed import pose_between
 from collabslam.worn_pose import AhrsErrors, Person, WornPoseConfig, WornPoseEstimate, calibrate_person
 from collabslam.worn_pose.attitude import AttitudeTrack
-from collabslam.worn_pose.lever import trunk
+from collabslam.worn_pose.lever_arm import trunk
 from collabslam.worn_pose.readings import AhrsReading, Wearer
 from collabslam_lab.cli import main as lab
 from collabslam_lab.worlds import WorldRecording, world_recording
@@ -65,7 +65,7 @@ def test_a_person_is_found_as_built_and_as_well_as_is_said() -> None:
 
 
 def test_what_was_found_makes_the_pose_better() -> None:
-    lasting, bobbing = np.zeros(2), np.zeros(2)
+    time_correlated, bobbing = np.zeros(2), np.zeros(2)
     for name in NAMES[:2]:
         _, *measured = walk(name)
         fitted = calibrate_person(Person(), *measured).person
@@ -77,10 +77,10 @@ def test_what_was_found_makes_the_pose_better() -> None:
                 for i, e in enumerate(estimated_poses(world, readings, person))
                 if e.t_cf is not None and e.trunk is not None
             ]
-            lasting[k] += np.linalg.norm(np.mean(errors, axis=0))
+            time_correlated[k] += np.linalg.norm(np.mean(errors, axis=0))
             bobbing[k] += np.std(errors, axis=0)[2]
         assert fitted.bob_sd < 0.7 * Person().bob_sd
-    assert lasting[1] < 0.6 * lasting[0]
+    assert time_correlated[1] < 0.6 * time_correlated[0]
     assert bobbing[1] < 0.6 * bobbing[0]  # the legs tell where in a step the person is
 
 

@@ -1,4 +1,4 @@
-"""The worn camera's pose from laser scans and AHRSs: its honesty, its geometry, its manners."""
+"""The worn camera's pose from laser scans and AHRSs: its consistency, its geometry, its manners."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ from collabslam.worn_pose import (
     estimates_at,
     laser_scans,
 )
-from collabslam.worn_pose.crowd import Crowd
 from collabslam.worn_pose.estimator import turned
 from collabslam.worn_pose.evidence import known_before
-from collabslam.worn_pose.lever import Gait, trunk, worn_pose
+from collabslam.worn_pose.lever_arm import Gait, trunk, worn_pose
+from collabslam.worn_pose.person_tracker import PersonTracker
 from collabslam.worn_pose.surroundings import Surroundings
 from collabslam.worn_pose.track import Candidates, LegTrack, carried
 from collabslam_lab.paper_simulation import worn_pose as experiment
@@ -216,13 +216,13 @@ def test_two_who_may_be_the_person_at_the_start_give_no_pose() -> None:
     """Until one of them walks; with one of them alone there is a pose from the first scan on."""
     config, legs = WornPoseConfig(start=(0.0, 2.0)), [[2.0, 0.4], [2.0, 0.2], [2.0, -0.2], [2.0, -0.4]]
     for both in (False, True):
-        crowd = Crowd(config)
+        tracker = PersonTracker(config)
         at = np.array(legs if both else legs[:2])
         some = np.zeros(len(at), np.bool_)
         c = Candidates(at, np.tile(1e-4 * np.eye(2), (len(at), 1, 1)), some, np.full(len(at), 0.2), some)
-        crowd.update(0.0, c, np.zeros(2), np.zeros(2), 0.0, np.array([2.0, 0.0]), lambda place: True)
-        assert crowd.person is not None
-        assert crowd.sure is not both
+        tracker.update(0.0, c, np.zeros(2), np.zeros(2), 0.0, np.array([2.0, 0.0]), lambda place: True)
+        assert tracker.person is not None
+        assert tracker.sure is not both
 
 
 def test_who_runs_is_predicted_with_less_confidence() -> None:
@@ -407,7 +407,7 @@ def test_bad_input_is_named_and_changes_nothing() -> None:
         AhrsReading(0.0, np.array([0.0, 0.0, 0.0, np.nan]), "robot")
     with pytest.raises(InputError, match="give a positive number"):
         WornPoseConfig(camera_height=-1.0)
-    with pytest.raises(InputError, match="'front' is no pose"):
+    with pytest.raises(InputError, match="'front' is not a pose"):
         WornPoseConfig(scanners={"front": np.zeros((4, 4))})
     with pytest.raises(InputError, match=r"ranges \(N, K\)"):
         laser_scans([0.0], np.zeros(3), 0.0, 0.1)

@@ -6,13 +6,13 @@ use crate::camera::Camera;
 use crate::math::pose::Pose;
 use nalgebra::{Unit, Vector2};
 
-/// What a point may be that the image holds in its place. It is no birth: what parallax it seems to have is all of the turn.
+/// What a point may be that the image holds in its place. It is not a birth: what parallax it seems to have is all of the turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Held {
     /// A point at rest, far or at some distance, would be there, too.
     Perhaps,
     /// No point at rest would be there, at whatever distance.
-    ByTheCamera,
+    RigFixed,
 }
 
 /// Whether the image holds a point, and what that may be.
@@ -34,7 +34,7 @@ pub fn held(
     let ray = camera.unproject(uv)?;
     let far = first_in_c.rotation * camera.unproject(first_uv)?;
     match Unit::try_new(first_in_c.translation, 1e-9) {
-        Some(near) if from_arc(&ray, &far, &near) > gate => Some(Held::ByTheCamera),
+        Some(near) if from_arc(&ray, &far, &near) > gate => Some(Held::RigFixed),
         _ => Some(Held::Perhaps),
     }
 }

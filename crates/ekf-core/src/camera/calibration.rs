@@ -16,7 +16,7 @@ impl Camera {
     /// `distortion` holds nothing, `k1 k2 p1 p2 [k3 [k4 k5 k6]]`, `k1 k2 k3 k4` or `K`.
     ///
     /// # Errors
-    /// `InvalidInput` for an unknown model, an empty image or numbers that are no camera's, `NonFinite` for
+    /// `InvalidInput` for an unknown model, an empty image or numbers that are not a camera's, `NonFinite` for
     /// infinite or missing numbers, `BadShape` for the wrong number of distortion parameters.
     pub fn new(
         model: &str,
@@ -84,7 +84,7 @@ impl Camera {
             return Err(EkfError::InvalidInput {
                 what: "camera distortion",
                 why: format!(
-                    "{parameters:?} are no lens's; give the parameters of the calibration"
+                    "{parameters:?} are not a lens's; give the parameters of the calibration"
                 ),
             });
         }
@@ -98,7 +98,7 @@ impl Camera {
         if fx < LEAST_FOCAL || fy < LEAST_FOCAL || sizes.iter().any(|v| *v > LARGEST_PIXEL) {
             return Err(EkfError::InvalidInput {
                 what: "camera intrinsics",
-                why: format!("{intrinsics:?} are no camera's; give (fx, fy, cx, cy) in pixels"),
+                why: format!("{intrinsics:?} are not a camera's; give (fx, fy, cx, cy) in pixels"),
             });
         }
         if width == 0 || height == 0 {

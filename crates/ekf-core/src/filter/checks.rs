@@ -73,7 +73,7 @@ impl Filter {
             let ids = worn.pairs.iter().filter_map(|p| p.id);
             check_once("worn pairs", ids, &mut scratch.ids)?;
             if let (Some(capture), Some(frame)) = (worn.capture, self.memory.time) {
-                self.carried(&worn.t_cf, Capture { frame, ..capture }, worn.who)?;
+                self.compensated_t_cf(&worn.t_cf, Capture { frame, ..capture }, worn.who)?;
             }
         }
         let views = z.views.iter().map(|worn| worn.who as u64);

@@ -161,7 +161,7 @@ impl Filter {
     /// 6x6 covariance of the pose, (translation, rotation), right tangent: the state's, and that of the map's place in W.
     pub fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
         let pose = self.memory.state.camera_pose();
-        self.memory.state.told().pose_covariance() + self.memory.placed.of_pose(&pose)
+        self.memory.state.told().pose_covariance() + self.memory.map_frame.of_pose(&pose)
     }
 
     /// Features that the gauge transport follows: those in view, and those that were in view and are still close to it,
@@ -184,6 +184,6 @@ impl Filter {
                 .set(10 + i, 10 + i, process.start_angular_velocity_sd.powi(2));
         }
         self.memory.started = true;
-        self.memory.handover.last = None;
+        self.memory.map_transfer.last = None;
     }
 }

@@ -23,8 +23,8 @@ mod worn;
 
 pub use ekf::Filter;
 pub use input::measurements::{
-    Bearing, Capture, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation,
-    WornPair, WornPose,
+    Bearing, Capture, DepthObservation, MeasurementOutcome, Measurements, UpdateReport,
+    WornObservation, WornPair, WornPose,
 };
 pub use map::known_map::KnownMap;
 pub use map::landmarks::Landmark;
@@ -32,7 +32,7 @@ pub use map::submap::Submap;
 pub use memory::candidate::CandidateOutcome;
 pub use memory::pose_ring::MOST_KEPT_POSES;
 pub use persist::snapshot;
-pub use predict::conditional::{ConditionalPrediction, ToldByFound};
+pub use predict::conditional::{ConditionalPrediction, ConditioningSet};
 pub use predict::features::PredictedFeature;
 pub use worn::clock::TOLD_INFORMATION;
 pub use worn::kept_poses::ViewTiming;

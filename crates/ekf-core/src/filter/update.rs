@@ -5,9 +5,9 @@ mod measurement;
 mod validation;
 
 use super::ekf::Filter;
-use super::input::measurements::{Measurements, Outcome, UpdateReport, refill};
+use super::input::measurements::{MeasurementOutcome, Measurements, UpdateReport, refill};
 use super::input::sources::{Scratch, WornForm};
-use super::worn::other_time::Carried;
+use super::worn::other_time::TimeCompensated;
 use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
@@ -50,18 +50,18 @@ impl Filter {
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
         self.check_measurements(z, scratch)?;
-        let first = z.first_view().map(|worn| self.brought_here(worn));
+        let first = z.first_view().map(|worn| self.time_compensated(worn));
         let first = first.transpose()?.flatten();
         if first.is_none() && z.views.len() < 2 {
             return self.update_at_present(z, None, z, report, scratch);
         }
-        let (views, carried) = match first {
+        let (views, compensated) = match first {
             Some(_) if self.is_measured_apart(z) => (Vec::new(), None),
-            Some((here, carried)) => (vec![here], Some(carried)),
+            Some((here, compensated)) => (vec![here], Some(compensated)),
             None => (vec![z.views[0].clone()], None),
         };
         let together = Measurements { views, ..z.clone() };
-        self.update_at_present(&together, carried.as_ref(), z, report, scratch)
+        self.update_at_present(&together, compensated.as_ref(), z, report, scratch)
     }
 
     /// Whether a frame's view is measured after what Cs found, instead of together with it: it hangs on the velocity where the
@@ -73,12 +73,12 @@ impl Filter {
         self.memory.started && by_clock && tight && !z.bearings.is_empty()
     }
 
-    /// The update with what is measured `together`, and then with the other views of `z`, one after another; `carried` is how
+    /// The update with what is measured `together`, and then with the other views of `z`, one after another; `compensated` is how
     /// T_CF of the first view came here from another time.
     fn update_at_present(
         &mut self,
         together: &Measurements,
-        carried: Option<&Carried>,
+        compensated: Option<&TimeCompensated>,
         z: &Measurements,
         report: &mut UpdateReport,
         scratch: &mut Scratch,
@@ -87,7 +87,7 @@ impl Filter {
         self.fetch(z, &mut scratch.ids);
         let pairs = z.views.iter().flat_map(|worn| &worn.pairs);
         let out_of_view = self.follow_too(pairs.filter_map(|pair| pair.id));
-        let done = self.measure_all(together, carried, z, report, scratch);
+        let done = self.measure_all(together, compensated, z, report, scratch);
         self.memory.followed.remove(&out_of_view);
         if done? {
             self.choose_working_set(&z.searched);
@@ -99,13 +99,13 @@ impl Filter {
     fn measure_all(
         &mut self,
         together: &Measurements,
-        carried: Option<&Carried>,
+        compensated: Option<&TimeCompensated>,
         z: &Measurements,
         report: &mut UpdateReport,
         scratch: &mut Scratch,
     ) -> Result<bool, EkfError> {
         let mut used = Vec::new();
-        if !self.measure_view(together, carried, &mut used, report, scratch)? {
+        if !self.measure_view(together, compensated, &mut used, report, scratch)? {
             report.reject_all(z);
             return Ok(false);
         }
@@ -129,7 +129,7 @@ impl Filter {
     pub(super) fn measure_view(
         &mut self,
         z: &Measurements,
-        carried: Option<&Carried>,
+        compensated: Option<&TimeCompensated>,
         used: &mut Vec<(usize, Pose)>,
         report: &mut UpdateReport,
         scratch: &mut Scratch,
@@ -139,10 +139,10 @@ impl Filter {
         let worn = z.first_view().filter(|_| form != WornForm::Unused);
         if let Some(worn) = worn
             && (self.setup.settings.worn.errors == WornErrors::Shared
-                || carried.is_some()
+                || compensated.is_some()
                 || !used.is_empty())
         {
-            self.open_worn_error(worn, carried);
+            self.open_worn_error(worn, compensated);
         }
         report.start(z);
         let newborn = match form {
@@ -152,9 +152,9 @@ impl Filter {
         scratch.learned.of.clear();
         let mut before = None;
         if let Some(worn) = worn {
-            self.learn(worn, carried, &mut scratch.learned);
-            before = self.before_view(worn, carried);
-            self.learn_clock(worn, carried, before.as_ref(), &mut scratch.learned);
+            self.learn(worn, compensated, &mut scratch.learned);
+            before = self.view_prior(worn, compensated);
+            self.learn_clock(worn, compensated, before.as_ref(), &mut scratch.learned);
         }
         let measured = self.measure(z, form, &newborn, &Self::TESTS, report, scratch);
         if !matches!(measured, Ok(true)) {
@@ -162,8 +162,8 @@ impl Filter {
             self.memory.take_back(&mark);
             return measured;
         }
-        if let (Some(worn), Some(carried), Some(before)) = (worn, carried, &before) {
-            self.count_for_clock(worn, carried, before);
+        if let (Some(worn), Some(compensated), Some(before)) = (worn, compensated, &before) {
+            self.count_for_clock(worn, compensated, before);
         }
         match form {
             WornForm::Tight => self.judge_tight_births(&newborn, report),
@@ -229,7 +229,7 @@ impl Filter {
                 if report.inlier_count() < z.min_inliers {
                     return Ok(false);
                 }
-                if outcome == Outcome::RejectedGate || !scratch.gone.is_empty() {
+                if outcome == MeasurementOutcome::RejectedGate || !scratch.gone.is_empty() {
                     self.workspace.batch.factor()?;
                 }
             }
@@ -256,7 +256,7 @@ impl Filter {
             .batch
             .apply(&mut self.memory.state, gauge, &scratch.learned);
         self.keep_scales(scales);
-        self.memory.misfit.add(report.nis, report.dof);
+        self.memory.nis.add(report.nis, report.dof);
         self.memory.state.normalise_quaternions();
         if carries {
             self.workspace.gauge.mark_carried(&mut self.memory.state);
@@ -290,12 +290,14 @@ impl Filter {
         }
         let pairs = report.views.iter_mut().flatten();
         let outcomes = pairs.chain(&mut report.depths);
-        let born: Vec<&mut Outcome> = outcomes.filter(|o| matches!(o, Outcome::Born(_))).collect();
+        let born: Vec<&mut MeasurementOutcome> = outcomes
+            .filter(|o| matches!(o, MeasurementOutcome::Born(_)))
+            .collect();
         if born.len() >= self.setup.settings.worn.start_births {
             self.start();
         } else {
             for outcome in born {
-                *outcome = Outcome::TooUncertain;
+                *outcome = MeasurementOutcome::TooUncertain;
             }
             self.memory.state.remove(|b| b.kind.is_feature());
             self.memory.records.clear();

@@ -25,7 +25,7 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
     for block in layout.blocks() {
         match block.kind {
             BlockKind::Feature => inverse_depth_feature(x, block, out),
-            // What a submap hands on is no place: it stays.
+            // What a submap transfers is not a place: it stays.
             BlockKind::Clone | BlockKind::Submap(_) => {
                 position(x, block.offset, out);
                 attitude(x, block.offset + 3, out);

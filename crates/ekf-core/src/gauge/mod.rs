@@ -17,10 +17,10 @@
 //! is carried to the present mean when it comes back, so none of this touches what is out of view.
 
 mod directions;
-mod slip;
+mod drift_noise;
 
 pub use directions::{GAUGES, coordinates, directions};
-pub(crate) use slip::Slip;
+pub(crate) use drift_noise::DriftNoise;
 
 use crate::kernel::Product;
 use crate::observe::block::MeasurementBlock;
@@ -86,7 +86,7 @@ impl Gauge {
         if by_scale.iter().any(|&b| b != 0.0) {
             self.idle.clear();
             self.idle.extend(state.auxiliary_rows());
-            // Where a submap began is no part of what the filter estimates: it must not change its sums.
+            // Where a submap began is not part of what the filter estimates: it must not change its sums.
             match state.submap_rows() {
                 Some(apart) => {
                     let (idle, rest) = (&self.idle, &mut self.rest);

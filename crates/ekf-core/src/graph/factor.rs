@@ -1,6 +1,6 @@
 //! What was measured of two nodes.
 
-use super::{HandedOn, Node, times};
+use super::{Node, Transferred, times};
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::math::quat;
@@ -15,9 +15,9 @@ const LEAST_SD: f64 = 1e-6;
 pub struct Edge {
     /// Pose of the end from the beginning, `T_WA^-1 T_WB`.
     pub pose: Pose,
-    /// By how much its estimate of what the beginning handed on has changed since.
-    pub revised: HandedOn,
-    /// Joint covariance of the pose (right tangent), of what the beginning handed on, and of what the end hands on, if it does.
+    /// By how much its estimate of what the beginning transferred has changed since.
+    pub revised: Transferred,
+    /// Joint covariance of the pose (right tangent), of what the beginning transferred, and of what the end transfers, if it does.
     pub covariance: DMatrix<f64>,
 }
 
@@ -30,9 +30,9 @@ pub struct Factor {
     pub second: usize,
     /// Pose of the second from the first.
     pub pose: Pose,
-    /// What the first was found to hand on; nothing where the factor does not speak of it.
-    pub handed_on: HandedOn,
-    /// Columns: of the relative pose, of what the first handed on, and of what the second does, if the factor speaks of that.
+    /// What the first was found to transfer; nothing where the factor does not speak of it.
+    pub transferred: Transferred,
+    /// Columns: of the relative pose, of what the first transferred, and of what the second does, if the factor speaks of that.
     pub weight: DMatrix<f64>,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct Linear {
 }
 
 impl Factor {
-    /// What the filter says of two submaps that follow one another: of the relative pose and what the first handed on,
+    /// What the filter says of two submaps that follow one another: of the relative pose and what the first transferred,
     /// given what the second does. Conditioned so, each submap's own data count once along a chain of them.
     ///
     /// # Errors
@@ -68,7 +68,7 @@ impl Factor {
             first: Some(first),
             second,
             pose: edge.pose.clone(),
-            handed_on: edge.revised.clone(),
+            transferred: edge.revised.clone(),
             weight,
         })
     }
@@ -91,16 +91,16 @@ impl Factor {
             first,
             second,
             pose: pose.clone(),
-            handed_on: HandedOn::zeros(0),
+            transferred: Transferred::zeros(0),
             weight,
         })
     }
 
-    /// How well the filter knows what a node hands on, where no submap of the same map follows it.
+    /// How well the filter knows what a node transfers, where no submap of the same map follows it.
     ///
     /// # Errors
     /// `NotPositiveDefinite` if the covariance is none.
-    pub fn handed_on(node: usize, covariance: &DMatrix<f64>) -> Result<Self, EkfError> {
+    pub fn transferred(node: usize, covariance: &DMatrix<f64>) -> Result<Self, EkfError> {
         let given = floored(covariance).cholesky().ok_or(NONE)?;
         let n = covariance.nrows();
         let mut weight = DMatrix::zeros(n, 6 + n);
@@ -110,17 +110,17 @@ impl Factor {
             first: None,
             second: node,
             pose: Pose::identity(),
-            handed_on: HandedOn::zeros(0),
+            transferred: Transferred::zeros(0),
             weight,
         })
     }
 
-    /// What a sight of an earlier submap's landmarks says: information about the relative pose and what that submap handed
-    /// on, which leaves open what it cannot tell.
+    /// What submap PnP says: information about the relative pose and what that submap transferred
+    /// , which leaves open what it cannot tell.
     ///
     /// # Errors
     /// `NonFinite` if the information has a number that is not finite.
-    pub fn sight(
+    pub fn submap_pnp(
         first: usize,
         second: usize,
         pose: &Pose,
@@ -147,12 +147,12 @@ impl Factor {
             first: Some(first),
             second,
             pose: pose.clone(),
-            handed_on: HandedOn::zeros(n - 6),
+            transferred: Transferred::zeros(n - 6),
             weight,
         })
     }
 
-    /// Whether it is of two of these nodes and of what they hand on; if not, what it is instead.
+    /// Whether it is of two of these nodes and of what they transfer; if not, what it is instead.
     pub(super) fn fits(&self, nodes: &[Node]) -> Result<(), String> {
         let (first, second) = (self.first, self.second);
         let dim = |i: usize| nodes.get(i).map(Node::dim);
@@ -163,14 +163,14 @@ impl Factor {
                 "is of the nodes {first:?} and {second}; give two of {count}"
             ));
         };
-        let own = 6 + self.handed_on.len();
+        let own = 6 + self.transferred.len();
         let with_end = [own, own + to - 6];
         if [6, from].contains(&own) && with_end.contains(&self.weight.ncols()) {
             return Ok(());
         }
         Err(format!(
-            "speaks of {} numbers that were handed on and has a weight of {} columns; \
-             its nodes hand on {} and {}, the columns are 6 and one for each of those that it speaks of",
+            "speaks of {} numbers that were transferred and has a weight of {} columns; \
+             its nodes transfer {} and {}, the columns are 6 and one for each of those that it speaks of",
             own - 6,
             self.weight.ncols(),
             from - 6,
@@ -186,15 +186,15 @@ impl Factor {
         let between = first.pose.inverse().compose(&second.pose);
         let error = self.pose.inverse().compose(&between);
         let xi = error.log();
-        let (all, of_first) = (self.weight.ncols(), self.handed_on.len());
+        let (all, of_first) = (self.weight.ncols(), self.transferred.len());
         let of_second = all - 6 - of_first;
         let mut residual = DVector::zeros(all);
         residual.fixed_rows_mut::<6>(0).copy_from(&xi);
         for k in 0..of_first {
-            residual[6 + k] = first.handed_on[k] - self.handed_on[k];
+            residual[6 + k] = first.transferred[k] - self.transferred[k];
         }
         for k in 0..of_second {
-            residual[6 + of_first + k] = second.handed_on[k];
+            residual[6 + of_first + k] = second.transferred[k];
         }
         let turn = xi.fixed_rows::<3>(3).into_owned();
         let jacobian = quat::right_jacobian(&turn);
@@ -246,7 +246,7 @@ mod tests {
     use nalgebra::Vector6;
 
     /// Of the two nodes: of runs with one worn camera and with two.
-    const HANDED_ON: [usize; 2] = [7, 13];
+    const TRANSFERRED: [usize; 2] = [7, 13];
 
     fn wave(i: usize) -> f64 {
         ((i * 7919 + 13) % 101) as f64 / 101.0 - 0.5
@@ -255,7 +255,7 @@ mod tests {
     fn nodes() -> Vec<Node> {
         let node = |k: usize| Node {
             pose: Pose::exp(&Vector6::from_fn(|i, _| 2.0 * wave(11 * k + i))),
-            handed_on: HandedOn::from_fn(HANDED_ON[k], |i, _| 0.1 * wave(5 * k + i)),
+            transferred: Transferred::from_fn(TRANSFERRED[k], |i, _| 0.1 * wave(5 * k + i)),
         };
         (0..2).map(node).collect()
     }
@@ -265,7 +265,7 @@ mod tests {
             first,
             second: 1,
             pose: Pose::exp(&Vector6::new(0.4, -0.1, 1.0, 0.3, 0.2, -0.6)),
-            handed_on: HandedOn::from_fn(of_first, |i, _| 0.05 * wave(i)),
+            transferred: Transferred::from_fn(of_first, |i, _| 0.05 * wave(i)),
             weight: DMatrix::from_fn(9, 6 + of_first + of_second, |i, j| wave(3 * i + 7 * j)),
         }
     }
@@ -277,7 +277,7 @@ mod tests {
             xi[k] = by;
             nodes[which].pose = nodes[which].pose.retract(&xi);
         } else {
-            nodes[which].handed_on[k - 6] += by;
+            nodes[which].transferred[k - 6] += by;
         }
         nodes
     }
@@ -285,7 +285,7 @@ mod tests {
     #[test]
     fn its_derivatives_are_those_of_finite_differences() {
         let nodes = nodes();
-        let [of_first, of_second] = HANDED_ON;
+        let [of_first, of_second] = TRANSFERRED;
         for (first, of_first, of_second) in [
             (Some(0), of_first, of_second),
             (Some(0), of_first, 0),
@@ -312,14 +312,14 @@ mod tests {
     }
 
     #[test]
-    fn a_sight_weighs_as_its_information_says_and_leaves_open_what_it_cannot_tell() {
+    fn submap_pnp_weighs_as_its_information_says_and_leaves_open_what_it_cannot_tell() {
         let rows = DMatrix::from_fn(5, 13, |i, j| wave(i + 5 * j) * 10f64.powi(j as i32 % 4));
         let information = rows.transpose() * rows;
-        let factor = Factor::sight(0, 1, &Pose::identity(), &information).expect("finite");
+        let factor = Factor::submap_pnp(0, 1, &Pose::identity(), &information).expect("finite");
         let again = factor.weight.transpose() * &factor.weight;
         let off = (again - &information).amax() / information.amax();
         assert!(off < 1e-10, "{off:e}");
-        assert_eq!(factor.handed_on, HandedOn::zeros(7));
+        assert_eq!(factor.transferred, Transferred::zeros(7));
     }
 
     #[test]
@@ -329,7 +329,7 @@ mod tests {
             let why = factor(first, of_first, of_second)
                 .fits(&nodes)
                 .expect_err("of others");
-            assert!(why.contains("hand on"), "{why}");
+            assert!(why.contains("transfer"), "{why}");
         }
         let mut short = factor(Some(0), 7, 0);
         short.weight = DMatrix::zeros(9, 6);

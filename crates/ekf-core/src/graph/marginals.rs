@@ -1,7 +1,7 @@
 //! Covariances of nodes.
 
 use super::normal::{Factored, Normal, starts};
-use super::{Node, Placed, PoseGraph};
+use super::{Node, PoseGraph, PosedNode};
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use nalgebra::{DMatrix, Matrix6, SMatrix};
@@ -31,7 +31,7 @@ impl Marginals {
         }
     }
 
-    /// Joint covariance of some nodes in their order, of each its pose (right tangent), then what it hands on.
+    /// Joint covariance of some nodes in their order, of each its pose (right tangent), then what it transfers.
     ///
     /// # Panics
     /// If there is no such node.
@@ -63,8 +63,8 @@ impl Marginals {
     ///
     /// # Panics
     /// If there is no such node.
-    pub fn placed(&self, node: usize) -> Placed {
-        Placed {
+    pub fn posed_node(&self, node: usize) -> PosedNode {
+        PosedNode {
             node: self.nodes[node].clone(),
             covariance: self.of_node(node),
         }

@@ -1,26 +1,26 @@
 //! A small graph of poses beside the filter (METHOD 25): what was measured of each pose relative to another, and the poses
 //! that agree best with all of it, with the covariance of any of them.
 //!
-//! A node is the pose of a submap and what the submap handed on ([`HandedOn`]): the errors that the filter's estimates before
+//! A node is the pose of a submap and what the submap transferred ([`Transferred`]): the errors that the filter's estimates before
 //! and after it share. A factor ([`Factor`]) says what was measured of two nodes, and how well. Nothing of the graph goes
 //! back into the filter.
 
 mod factor;
 mod marginals;
 mod normal;
-mod placed;
+mod posed_node;
 mod poses;
 
 pub use factor::{Edge, Factor};
 pub use marginals::Marginals;
-pub use placed::Placed;
+pub use posed_node::PosedNode;
 pub use poses::{Node, PoseGraph, Solved};
 
 use nalgebra::{DMatrix, DVector};
 
-/// By how much the filter's estimates of what is handed on are wrong where the submap ends: the logarithm of the scale, and the
-/// lasting error of each T_CF, metres and radians. A graph does not ask what they are; nodes of different runs differ in number.
-pub type HandedOn = DVector<f64>;
+/// By how much the filter's estimates of what is transferred are wrong where the submap ends: the logarithm of the scale, and the
+/// time-correlated error of each T_CF, metres and radians. A graph does not ask what they are; nodes of different runs differ in number.
+pub type Transferred = DVector<f64>;
 
 /// `a b`, column by column. Other products of large matrices sum in blocks, as the processor at hand likes them: the last bit
 /// of a pose would depend on it.

@@ -2,7 +2,7 @@
 
 use super::factor::Factor;
 use super::normal::{Normal, starts};
-use super::{HandedOn, Marginals};
+use super::{Marginals, Transferred};
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use nalgebra::{DMatrix, DVector};
@@ -16,25 +16,25 @@ const FIRST_DAMPING: f64 = 1e-6;
 /// From there it grows tenfold, until nothing moves any more.
 const MOST_DAMPING: f64 = 1e12;
 
-/// The pose of a submap in W, and by how much what it handed on is wrong.
+/// The pose of a submap in W, and by how much what it transferred is wrong.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
     /// `T_WX`.
     pub pose: Pose,
-    /// See [`HandedOn`].
-    pub handed_on: HandedOn,
+    /// See [`Transferred`].
+    pub transferred: Transferred,
 }
 
 impl Node {
-    /// At a pose, with nothing wrong of so many numbers that it hands on.
-    pub fn at(pose: Pose, handed_on: usize) -> Self {
-        let handed_on = HandedOn::zeros(handed_on);
-        Self { pose, handed_on }
+    /// At a pose, with nothing wrong of so many numbers that it transfers.
+    pub fn at(pose: Pose, transferred: usize) -> Self {
+        let transferred = Transferred::zeros(transferred);
+        Self { pose, transferred }
     }
 
-    /// Numbers of it: the right tangent of its pose, and what it hands on.
+    /// Numbers of it: the right tangent of its pose, and what it transfers.
     pub fn dim(&self) -> usize {
-        6 + self.handed_on.len()
+        6 + self.transferred.len()
     }
 }
 
@@ -61,7 +61,7 @@ impl PoseGraph {
     ///
     /// # Errors
     /// `InvalidInput` if a factor is of a node that is not there, or of one and the same, or of other numbers than the nodes
-    /// hand on; `NonFinite`.
+    /// transfer; `NonFinite`.
     pub fn new(nodes: Vec<Node>, factors: Vec<Factor>) -> Result<Self, EkfError> {
         let what = "factors";
         for (k, factor) in factors.iter().enumerate() {
@@ -69,7 +69,7 @@ impl PoseGraph {
                 let why = format!("factor {k} {why}");
                 return Err(EkfError::InvalidInput { what, why });
             }
-            let numbers = factor.weight.iter().chain(&factor.handed_on);
+            let numbers = factor.weight.iter().chain(&factor.transferred);
             let mut numbers = numbers.chain(&factor.pose.rotation);
             if !numbers.all(|v| v.is_finite())
                 || !factor.pose.translation.iter().all(|v| v.is_finite())
@@ -155,7 +155,7 @@ impl PoseGraph {
         let nodes = self.nodes.iter().zip(starts(&self.nodes));
         let moved = |(node, start): (&Node, usize)| Node {
             pose: node.pose.retract(&step.fixed_rows::<6>(start).into_owned()),
-            handed_on: &node.handed_on + step.rows(start + 6, node.handed_on.len()),
+            transferred: &node.transferred + step.rows(start + 6, node.transferred.len()),
         };
         nodes.map(moved).collect()
     }

@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 impl OutsideSet {
-    /// Takes the features for which `is_working` holds, and all that is no feature, out of a whole state as working state.
+    /// Takes the features for which `is_working` holds, and all that is not a feature, out of a whole state as working state.
     pub(crate) fn split(
         whole: State,
         is_working: impl Fn(&Block) -> bool,

@@ -2,7 +2,7 @@
 
 use super::buffers::product;
 use super::outside_set::{Auxiliary, OutsideSet};
-use super::renewal::RowsOfThen;
+use super::renewal::SnapshotRows;
 use crate::state::{Block, BlockKind, State};
 use faer::{MatMut, MatRef};
 
@@ -53,7 +53,7 @@ impl OutsideSet {
             MatRef::from_column_major_slice(&by_auxiliary, n, depth),
             MatRef::from_column_major_slice(&of_rows, depth, width),
         );
-        let then = RowsOfThen::new(&self.then.p, self.renewal.as_ref(), &rows, true);
+        let then = SnapshotRows::new(&self.then.p, self.renewal.as_ref(), &rows, true);
         let own = |i: usize, j: usize| {
             let moved = auxiliary
                 .rows

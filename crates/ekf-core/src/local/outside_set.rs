@@ -1,6 +1,6 @@
 //! The outside set, and the present means and covariances of its features.
 
-use super::renewal::{Renewal, RowsOfThen};
+use super::renewal::{Renewal, SnapshotRows};
 use crate::kernel::dot;
 use crate::observe::point::CameraPose;
 use crate::observe::{FEATURE_DIM, FeatureState};
@@ -226,7 +226,7 @@ impl OutsideSet {
             std::array::from_fn(|k| self.then.p.slot(block.offset + k));
         let columns = self.columns_of(&rows, auxiliary.len());
         let columns: Vec<&[f64]> = columns.chunks_exact(auxiliary.len()).collect();
-        let then = RowsOfThen::new(&self.then.p, self.renewal.as_ref(), &rows, false);
+        let then = SnapshotRows::new(&self.then.p, self.renewal.as_ref(), &rows, false);
         // An anchor that a feature inside has as well is stored there.
         let mate = self.mate(&self.mates(working), block);
         let inside = |k: usize| mate.filter(|_| k < 3).map(|mate| working.p.slot(mate + k));

@@ -138,7 +138,7 @@ impl Renewal {
 }
 
 /// Some rows of `then`, whether they are written or not.
-pub(super) struct RowsOfThen<'a> {
+pub(super) struct SnapshotRows<'a> {
     then: &'a Covariance,
     rows: &'a [usize],
     renewal: Option<&'a Renewal>,
@@ -147,7 +147,7 @@ pub(super) struct RowsOfThen<'a> {
     products: Vec<f64>,
 }
 
-impl<'a> RowsOfThen<'a> {
+impl<'a> SnapshotRows<'a> {
     /// `all` if they are going to be read from end to end.
     pub(super) fn new(
         then: &'a Covariance,

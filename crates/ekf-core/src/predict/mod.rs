@@ -10,7 +10,7 @@ pub(crate) use motion::{Motion, Reading, TwistMatrix};
 
 use crate::math::quat;
 use crate::settings::{MotionModel, OdometrySettings, ProcessSettings, WornSettings};
-use crate::state::{BlockKind, CAMERA_DIM, Lasting, State};
+use crate::state::{BlockKind, CAMERA_DIM, State, TimeCorrelatedBias};
 use nalgebra::{Matrix3, Matrix3x4, SMatrix, Vector3};
 
 /// 13x13 matrix of the camera's block.
@@ -134,11 +134,11 @@ pub(crate) fn predict_along(state: &mut State, motion: &Motion, scale: Option<us
 pub(crate) fn forget(state: &mut State, dt: f64, worn: &WornSettings, odometry: &OdometrySettings) {
     let offset = |kind| state.layout.of_kind(kind).next().map(|b| b.offset);
     let scale = offset(BlockKind::OdometryScale).zip(odometry.covariance());
-    for k in 0..state.lasting.len() {
-        let Lasting {
-            whose, stationary, ..
-        } = state.lasting[k];
-        let block = state.layout.of_kind(BlockKind::WornBias(whose)).next();
+    for k in 0..state.time_correlated.len() {
+        let TimeCorrelatedBias {
+            owner, stationary, ..
+        } = state.time_correlated[k];
+        let block = state.layout.of_kind(BlockKind::WornBias(owner)).next();
         if let Some(offset) = block.map(|b| b.offset) {
             decay(state, offset, (-dt / worn.bias_time).exp(), &stationary);
         }

@@ -30,8 +30,8 @@ impl Told<'_> {
     /// One entry.
     pub(crate) fn get(&self, i: usize, j: usize) -> f64 {
         let p = &self.state.p;
-        let lasting = self.modes.clone().map(|k| p.get(i, k) * p.get(j, k));
-        p.get(i, j) + lasting.sum::<f64>()
+        let time_correlated = self.modes.clone().map(|k| p.get(i, k) * p.get(j, k));
+        p.get(i, j) + time_correlated.sum::<f64>()
     }
 
     /// The `R x C` block whose corner is `(i, j)`.
@@ -52,7 +52,7 @@ impl Told<'_> {
     }
 
     /// What lasts of the variance of a number that is linear in the state.
-    pub(crate) fn lasting_variance(&self, by: &[f64]) -> f64 {
+    pub(crate) fn time_correlated_variance(&self, by: &[f64]) -> f64 {
         let p = &self.state.p;
         let along = self.modes.clone().map(|k| {
             let terms = by.iter().enumerate().filter(|(_, by)| **by != 0.0);
@@ -106,7 +106,7 @@ impl State {
     }
 
     /// Adds error modes: columns of as many numbers as P has stored rows, in standard deviations. `outside` says `G^T V^-1 G` of
-    /// numbers that are no part of this state, V their variances; it is asked where others must make room.
+    /// numbers that are not part of this state, V their variances; it is asked where others must make room.
     pub(crate) fn add_error_modes(
         &mut self,
         columns: &[f64],

@@ -1,6 +1,8 @@
 //! A state in a snapshot. P keeps its slots: which rows are stored once decides the order of sums, hence the bits.
 
-use super::{Block, BlockKind, CAMERA_DIM, Covariance, Lasting, Layout, State, ToldOfClock};
+use super::{
+    Block, BlockKind, CAMERA_DIM, Covariance, Layout, State, TimeCorrelatedBias, ToldOfClock,
+};
 use crate::error::EkfError;
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +12,7 @@ pub(crate) struct StateImage {
     reference: Vec<f64>,
     blocks: Vec<(u64, BlockKind)>,
     next_id: u64,
-    lasting: Vec<Lasting>,
+    time_correlated: Vec<TimeCorrelatedBias>,
     clocks: Vec<ToldOfClock>,
     newborn: Option<u64>,
     /// Where each row of P is stored.
@@ -39,7 +41,7 @@ impl State {
             p,
             reference,
             layout,
-            lasting,
+            time_correlated,
             clocks,
             newborn,
         } = self;
@@ -53,7 +55,7 @@ impl State {
             reference: reference.clone(),
             blocks: layout.blocks().iter().map(|b| (b.id, b.kind)).collect(),
             next_id: layout.next_id(),
-            lasting: lasting.clone(),
+            time_correlated: time_correlated.clone(),
             clocks: clocks.clone(),
             newborn: *newborn,
             slots: stored.slots.to_vec(),
@@ -67,7 +69,7 @@ impl State {
             reference,
             blocks,
             next_id,
-            lasting,
+            time_correlated,
             clocks,
             newborn,
             slots,
@@ -97,7 +99,7 @@ impl State {
             reference: reference[..CAMERA_DIM].to_vec(),
             p,
             layout: Layout::default(),
-            lasting: lasting.clone(),
+            time_correlated: time_correlated.clone(),
             clocks: clocks.clone(),
             newborn: *newborn,
         };
@@ -135,19 +137,19 @@ impl State {
             ));
         }
         state.layout.set_next_id(*next_id);
-        state.check_lasting()?;
+        state.check_time_correlated()?;
         state.check_clocks()?;
         state.check_newborn()?;
         Ok(state)
     }
 
-    /// Each lasting error of a worn camera has its block, and no block is without.
-    fn check_lasting(&self) -> Result<(), EkfError> {
+    /// Each time-correlated error of a worn camera has its block, and no block is without.
+    fn check_time_correlated(&self) -> Result<(), EkfError> {
         let blocks = self.layout.blocks().iter().filter_map(|b| match b.kind {
-            BlockKind::WornBias(whose) => Some(whose),
+            BlockKind::WornBias(owner) => Some(owner),
             _ => None,
         });
-        if blocks.eq(self.lasting.iter().map(|l| l.whose)) {
+        if blocks.eq(self.time_correlated.iter().map(|l| l.owner)) {
             return Ok(());
         }
         Err(EkfError::bad_snapshot(

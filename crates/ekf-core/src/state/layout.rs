@@ -7,15 +7,15 @@ use serde::{Deserialize, Serialize};
 /// Dimension of the camera's block `[r(3) q(4) v(3) w(3)]` (METHOD 2).
 pub const CAMERA_DIM: usize = 13;
 
-/// Numbers that a submap hands on with this many worn cameras: the logarithm of the scale, and the lasting error of each one's
+/// Numbers that a submap transfers with this many worn cameras: the logarithm of the scale, and the time-correlated error of each one's
 /// T_CF, metres and radians along the axes of C.
-pub const fn handed_on_dim(worn_cameras: usize) -> usize {
+pub const fn transferred_dim(worn_cameras: usize) -> usize {
     1 + 6 * worn_cameras
 }
 
 /// Whose error of T_CF a block of the state is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Whose {
+pub enum ErrorOwner {
     /// The part that all worn cameras have in common (`worn.common_share`), in standard deviations.
     Common,
     /// Of the worn camera with this number.
@@ -30,7 +30,7 @@ pub enum BlockKind {
     /// A camera pose kept for the exact delayed birth, `[r(3) q(4)]`.
     Clone,
     /// The slowly varying error of a worn camera's pose, along the axes of C, 6 numbers.
-    WornBias(Whose),
+    WornBias(ErrorOwner),
     /// The error of Cs's calibration, 6 numbers of a warp of its image.
     Calibration,
     /// Time from the first row of an image of Cs to the last one, seconds, 1 number.
@@ -46,11 +46,11 @@ pub enum BlockKind {
     /// By how much the gyroscope's stamps are to be raised to be those of Cs, seconds, 1 number.
     GyroClock,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
-    WornError(Whose),
+    WornError(ErrorOwner),
     /// By how much a worn camera moves while one image of it is read, from the first row to the last, tangent, 6 numbers; stands
     /// right after the error of that view's T_CF and lives as long.
     WornRoll(usize),
-    /// Where the present submap began: the camera's pose there `[r(3) q(4)]`, and by how much what it hands on was estimated
+    /// Where the present submap began: the camera's pose there `[r(3) q(4)]`, and by how much what it transfers was estimated
     /// wrongly, that many numbers.
     Submap(usize),
     /// Error modes, that many: what they do to the rest of the state stands as their covariances with it; only the filter
@@ -65,7 +65,7 @@ impl BlockKind {
     pub const fn dim(self) -> usize {
         match self {
             Self::Clone => POSE_DIM,
-            Self::Submap(handed_on) => POSE_DIM.saturating_add(handed_on),
+            Self::Submap(transferred) => POSE_DIM.saturating_add(transferred),
             Self::Auxiliary(rows) | Self::ErrorModes(rows) => rows,
             Self::Feature => FEATURE_DIM,
             Self::Readout | Self::WornClock(_) | Self::GyroClock => 1,
@@ -137,7 +137,11 @@ impl Block {
     /// # Panics
     /// If it is none.
     pub fn feature(&self, mean: &[f64]) -> FeatureState {
-        assert!(self.kind.is_feature(), "block {} is no landmark", self.id);
+        assert!(
+            self.kind.is_feature(),
+            "block {} is not a landmark",
+            self.id
+        );
         FeatureState(Vector6::from_column_slice(&mean[self.range()]))
     }
 }
@@ -167,10 +171,10 @@ impl Layout {
         self.blocks.iter().filter(move |b| b.kind == kind)
     }
 
-    /// Where the present submap began, and how many numbers were handed on there.
+    /// Where the present submap began, and how many numbers were transferred there.
     pub(crate) fn submap(&self) -> Option<(Block, usize)> {
         self.blocks.iter().find_map(|b| match b.kind {
-            BlockKind::Submap(handed_on) => Some((*b, handed_on)),
+            BlockKind::Submap(transferred) => Some((*b, transferred)),
             _ => None,
         })
     }

@@ -9,17 +9,17 @@ mod considered;
 pub mod cov;
 mod error_modes;
 mod image;
-mod lasting;
 pub mod layout;
 mod readout;
+mod time_correlated;
 mod worn_clock;
 
 pub(crate) use considered::{Considered, Learned};
 pub(crate) use cov::Rest;
 pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
-pub(crate) use lasting::{Lasting, root};
-pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, Whose, handed_on_dim};
+pub use layout::{Block, BlockKind, CAMERA_DIM, ErrorOwner, Layout, transferred_dim};
+pub(crate) use time_correlated::{TimeCorrelatedBias, root};
 pub(crate) use worn_clock::ToldOfClock;
 
 use crate::math::quat;
@@ -43,7 +43,7 @@ pub struct State {
     /// The blocks and where each of them is.
     pub(crate) layout: Layout,
     /// What lasts of the errors of the worn cameras' poses, in the order in which it came into the state.
-    pub(crate) lasting: Vec<Lasting>,
+    pub(crate) time_correlated: Vec<TimeCorrelatedBias>,
     /// What is told of the worn cameras' clocks, by their numbers; of none where they are exact.
     pub(crate) clocks: Vec<ToldOfClock>,
     /// A feature whose anchor is the camera's position now.
@@ -55,7 +55,7 @@ pub struct State {
 pub(crate) struct Mark {
     dim: usize,
     next_id: u64,
-    lasting: usize,
+    time_correlated: usize,
     newborn: Option<u64>,
 }
 
@@ -75,7 +75,7 @@ impl State {
             x,
             p: Covariance::zeros(CAMERA_DIM, capacity),
             layout: Layout::default(),
-            lasting: Vec::new(),
+            time_correlated: Vec::new(),
             clocks: Vec::new(),
             newborn: None,
         }
@@ -88,7 +88,7 @@ impl State {
             p,
             reference,
             layout,
-            lasting,
+            time_correlated,
             clocks,
             newborn,
         } = other;
@@ -96,7 +96,7 @@ impl State {
         self.p.copy_from(p);
         self.reference.clone_from(reference);
         self.layout.clone_from(layout);
-        self.lasting.clone_from(lasting);
+        self.time_correlated.clone_from(time_correlated);
         self.clocks.clone_from(clocks);
         self.newborn = *newborn;
     }
@@ -263,7 +263,7 @@ impl State {
             p,
             reference: self.reference[..CAMERA_DIM].to_vec(),
             layout: self.layout.emptied(),
-            lasting: self.lasting.clone(),
+            time_correlated: self.time_correlated.clone(),
             clocks: self.clocks.clone(),
             newborn: self.newborn,
         }
@@ -290,7 +290,7 @@ impl State {
         Mark {
             dim: self.layout.dim(),
             next_id: self.layout.next_id(),
-            lasting: self.lasting.len(),
+            time_correlated: self.time_correlated.len(),
             newborn: self.newborn,
         }
     }
@@ -299,7 +299,7 @@ impl State {
     pub(crate) fn take_back(&mut self, mark: &Mark) {
         self.remove(|b| b.offset >= mark.dim);
         self.layout.set_next_id(mark.next_id);
-        self.lasting.truncate(mark.lasting);
+        self.time_correlated.truncate(mark.time_correlated);
         self.newborn = mark.newborn;
     }
 

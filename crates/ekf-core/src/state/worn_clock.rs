@@ -15,7 +15,7 @@ pub(crate) struct ToldOfClock {
     /// Mean over the views of what T_CF is off by for each second of the clock, along C's axes, m/s and rad/s.
     #[serde(with = "numbers")]
     pub(crate) mean: Vector6<f64>,
-    /// Information of all views about a lasting error of T_CF.
+    /// Information of all views about a time-correlated error of T_CF.
     #[serde(with = "numbers")]
     weight: Matrix6<f64>,
     /// Information about the clock, 1/s^2.

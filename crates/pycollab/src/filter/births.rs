@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 /// ----------
 /// born : (N,) int64
 ///     Feature id of those that became features, -1 elsewhere.
-/// strayed : (N,) float64
+/// off_arc : (N,) float64
 ///     Of those that were given up as they are where no point at rest would be: by how many times as much
 ///     as noise and the poses allow; 0 elsewhere.
 /// held : (N,) bool
@@ -25,7 +25,7 @@ use pyo3::prelude::*;
 #[pyclass(module = "collabslam._core", frozen, get_all)]
 pub(crate) struct CandidateReport {
     born: Column<i64>,
-    strayed: Column<f64>,
+    off_arc: Column<f64>,
     held: Column<bool>,
     fixed: Column<bool>,
 }
@@ -107,14 +107,14 @@ impl PyFilter {
             CandidateOutcome::Born(id) => Some(*id),
             _ => None,
         };
-        let strayed = |o: &CandidateOutcome| match o {
-            CandidateOutcome::Strayed(by) => *by,
+        let off_arc = |o: &CandidateOutcome| match o {
+            CandidateOutcome::OffArc(by) => *by,
             _ => 0.0,
         };
         let which = |outcome| column(py, outcomes.iter().map(|o| *o == outcome));
         Ok(CandidateReport {
             born: to_ids(py, outcomes.iter().map(born)),
-            strayed: column(py, outcomes.iter().map(strayed)),
+            off_arc: column(py, outcomes.iter().map(off_arc)),
             held: which(CandidateOutcome::Held),
             fixed: which(CandidateOutcome::Fixed),
         })
@@ -147,7 +147,7 @@ impl PyFilter {
     /// Parameters
     /// ----------
     /// ids : (N,) int64
-    ///     Those that are no candidates any more do not count.
+    ///     Those that are not candidates any more do not count.
     fn drop_candidates(&self, py: Python<'_>, ids: Argument<'_>) -> PyResult<()> {
         let ids = self::ids("ids", &ids)?;
         self.write(py, |f| {

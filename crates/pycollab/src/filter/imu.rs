@@ -21,7 +21,7 @@ impl PyFilter {
     /// Raises
     /// ------
     /// InputError
-    ///     If that is no rotation or no offset, once the filter has started, or if there is one already.
+    ///     If that is not a rotation or no offset, once the filter has started, or if there is one already.
     fn set_imu(&self, py: Python<'_>, r_ci: Argument<'_>, time_offset: f64) -> PyResult<()> {
         let r_ci = matrix::<3, 3>("r_ci of the IMU", &r_ci)?;
         self.write(py, |f| f.set_imu(&r_ci, time_offset))

@@ -9,13 +9,13 @@ mod odometry;
 mod prediction;
 mod report;
 mod update;
-mod where_to_look;
+mod view_planning;
 
 pub(crate) use births::CandidateReport;
 pub(crate) use map::{PyKnownMap, PyLandmarks};
 pub(crate) use prediction::{PyConditionalPrediction, PyOverlap, PyPrediction};
-pub(crate) use report::{PyMapRelocalisation, PyOutcomes, PyUpdateReport, PyWornPose};
-pub(crate) use where_to_look::CandidateViews;
+pub(crate) use report::{PyMapRelocalisation, PyMeasurementOutcomes, PyUpdateReport, PyWornPose};
+pub(crate) use view_planning::CandidateViews;
 
 use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose};
 use crate::camera::PyCamera;

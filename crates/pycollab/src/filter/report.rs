@@ -1,7 +1,7 @@
 //! What an update reports.
 
 use crate::arrays_out::{Column, Table, column, to_ids, to_matrix, to_pose};
-use ekf_core::{Outcome, UpdateReport, WornPose};
+use ekf_core::{MeasurementOutcome, UpdateReport, WornPose};
 use pyo3::prelude::*;
 
 /// What became of one kind of measurement in a frame.
@@ -12,29 +12,29 @@ use pyo3::prelude::*;
 /// than its bearing), ``not-visible``, ``rejected-gate`` (its own chi-square), ``rejected-batch`` (the
 /// batch test), ``rejected-conditional`` (contradicted by the others), ``unused`` (in this mode),
 /// ``refused`` (with the whole frame).
-#[pyclass(name = "Outcomes", module = "collabslam._core", frozen)]
-pub(crate) struct PyOutcomes(Vec<Outcome>);
+#[pyclass(name = "MeasurementOutcomes", module = "collabslam._core", frozen)]
+pub(crate) struct PyMeasurementOutcomes(Vec<MeasurementOutcome>);
 
-impl PyOutcomes {
-    fn count(&self, outcome: Outcome) -> usize {
+impl PyMeasurementOutcomes {
+    fn count(&self, outcome: MeasurementOutcome) -> usize {
         self.0.iter().filter(|&&o| o == outcome).count()
     }
 }
 
 #[pymethods]
-impl PyOutcomes {
+impl PyMeasurementOutcomes {
     /// (N,) bool: the measurement of a known feature was used, as rows of its own or of a better form of
     /// the same match.
     #[getter]
     fn accepted(&self, py: Python<'_>) -> Column<bool> {
-        column(py, self.0.iter().map(Outcome::is_accepted))
+        column(py, self.0.iter().map(MeasurementOutcome::is_accepted))
     }
 
     /// (N,) int64: id of the feature born from each, -1 for none.
     #[getter]
     fn born(&self, py: Python<'_>) -> Column<i64> {
-        let id = |o: &Outcome| match o {
-            Outcome::Born(id) => Some(*id),
+        let id = |o: &MeasurementOutcome| match o {
+            MeasurementOutcome::Born(id) => Some(*id),
             _ => None,
         };
         to_ids(py, self.0.iter().map(id))
@@ -49,37 +49,37 @@ impl PyOutcomes {
     /// How many were accepted as two pixel rows.
     #[getter]
     fn pixel_rows(&self) -> usize {
-        self.count(Outcome::Pixel)
+        self.count(MeasurementOutcome::Pixel)
     }
 
     /// How many were accepted as three metric rows.
     #[getter]
     fn depth_rows(&self) -> usize {
-        self.count(Outcome::Depth)
+        self.count(MeasurementOutcome::Depth)
     }
 
     /// How many were too uncertain to say anything.
     #[getter]
     fn too_uncertain(&self) -> usize {
-        self.count(Outcome::TooUncertain)
+        self.count(MeasurementOutcome::TooUncertain)
     }
 
     /// How many failed their own chi-square gate.
     #[getter]
     fn rejected_gate(&self) -> usize {
-        self.count(Outcome::RejectedGate)
+        self.count(MeasurementOutcome::RejectedGate)
     }
 
     /// How many the batch test left out.
     #[getter]
     fn rejected_batch(&self) -> usize {
-        self.count(Outcome::RejectedBatch)
+        self.count(MeasurementOutcome::RejectedBatch)
     }
 
     /// How many contradicted the other accepted ones.
     #[getter]
     fn rejected_conditional(&self) -> usize {
-        self.count(Outcome::RejectedConditional)
+        self.count(MeasurementOutcome::RejectedConditional)
     }
 
     fn __len__(&self) -> usize {
@@ -87,19 +87,19 @@ impl PyOutcomes {
     }
 }
 
-fn name(outcome: &Outcome) -> &'static str {
+fn name(outcome: &MeasurementOutcome) -> &'static str {
     match outcome {
-        Outcome::Pixel => "pixel",
-        Outcome::Depth => "depth",
-        Outcome::Replaced => "replaced",
-        Outcome::TooUncertain => "too-uncertain",
-        Outcome::NotVisible => "not-visible",
-        Outcome::RejectedGate => "rejected-gate",
-        Outcome::RejectedBatch => "rejected-batch",
-        Outcome::RejectedConditional => "rejected-conditional",
-        Outcome::Born(_) => "born",
-        Outcome::Unused => "unused",
-        Outcome::Refused => "refused",
+        MeasurementOutcome::Pixel => "pixel",
+        MeasurementOutcome::Depth => "depth",
+        MeasurementOutcome::Replaced => "replaced",
+        MeasurementOutcome::TooUncertain => "too-uncertain",
+        MeasurementOutcome::NotVisible => "not-visible",
+        MeasurementOutcome::RejectedGate => "rejected-gate",
+        MeasurementOutcome::RejectedBatch => "rejected-batch",
+        MeasurementOutcome::RejectedConditional => "rejected-conditional",
+        MeasurementOutcome::Born(_) => "born",
+        MeasurementOutcome::Unused => "unused",
+        MeasurementOutcome::Refused => "refused",
     }
 }
 
@@ -107,9 +107,9 @@ fn name(outcome: &Outcome) -> &'static str {
 ///
 /// Attributes
 /// ----------
-/// bearings, depths : Outcomes
+/// bearings, depths : MeasurementOutcomes
 ///     What became of the pixels in Cs and of the depths, in the order they were given.
-/// views : list of Outcomes
+/// views : list of MeasurementOutcomes
 ///     What became of the pairs of each view.
 /// accepted : bool
 ///     Whether the frame was used: False if fewer bearings than asked for passed the tests.
@@ -134,9 +134,9 @@ fn name(outcome: &Outcome) -> &'static str {
 ///     the map.
 #[pyclass(name = "UpdateReport", module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PyUpdateReport {
-    bearings: Py<PyOutcomes>,
-    depths: Py<PyOutcomes>,
-    views: Vec<Py<PyOutcomes>>,
+    bearings: Py<PyMeasurementOutcomes>,
+    depths: Py<PyMeasurementOutcomes>,
+    views: Vec<Py<PyMeasurementOutcomes>>,
     accepted: bool,
     refused: Option<String>,
     nis: f64,
@@ -151,12 +151,12 @@ pub(crate) struct PyUpdateReport {
 impl PyUpdateReport {
     pub(super) fn new(py: Python<'_>, report: UpdateReport) -> PyResult<Self> {
         let views = report.views.into_iter();
-        let views = views.map(|outcomes| Py::new(py, PyOutcomes(outcomes)));
+        let views = views.map(|outcomes| Py::new(py, PyMeasurementOutcomes(outcomes)));
         let worn_poses = report.worn_poses.iter();
         let worn_poses = worn_poses.map(|pose| Py::new(py, PyWornPose::new(py, pose)));
         Ok(Self {
-            bearings: Py::new(py, PyOutcomes(report.bearings))?,
-            depths: Py::new(py, PyOutcomes(report.depths))?,
+            bearings: Py::new(py, PyMeasurementOutcomes(report.bearings))?,
+            depths: Py::new(py, PyMeasurementOutcomes(report.depths))?,
             views: views.collect::<PyResult<_>>()?,
             accepted: report.accepted,
             jumped: report.jumped,

@@ -69,7 +69,7 @@ class BiasFit:
         of what is not told what was thought possible.
     units : (S,) float64
         Unit of Cs's path over metres in each stretch of it that has views, as the corrected poses have it.
-    misfit : float
+    reduced_chi2 : float
         Squared residuals of the views over what they should be; 1 is right.
     views : int
         That were asked.
@@ -80,7 +80,7 @@ class BiasFit:
     calibration: WornCalibration
     sd: Array
     units: Array
-    misfit: float
+    reduced_chi2: float
     views: int
     untold: list[Array]
 
@@ -107,7 +107,7 @@ def fit_bias(views: Sequence[AskedView], later: Later, *, metric: bool = False) 
     stretches = np.unique([int((view.t - views[0].t) // STRETCH) for view in views], return_inverse=True)[1]
     asked = list(zip(views, (7 + stretches).tolist(), strict=True))
     prior_sd = np.append(possible, np.full(stretches.max() + 1, 1e-6 if metric else _SCALE_SD))
-    x, information, misfit = _solved(asked, later, prior_sd)
+    x, information, reduced_chi2 = _solved(asked, later, prior_sd)
     values, directions = _told(information, prior_sd)
     told = values > TOLD_INFORMATION
     variance = np.where(told, 1.0 / (1.0 + values), 1.0)
@@ -122,7 +122,7 @@ def fit_bias(views: Sequence[AskedView], later: Later, *, metric: bool = False) 
     clock = float(kept[6]) if abs(x[6]) > 1e-6 else 0.0
     calibration = WornCalibration(kept[:6], left[:6, :6], clock, float(sd[6]))
     untold = [np.array(d) for d in directions[:, ~told].T]
-    return BiasFit(calibration, sd, np.exp(x[7:]), misfit, len(views), untold)
+    return BiasFit(calibration, sd, np.exp(x[7:]), reduced_chi2, len(views), untold)
 
 
 Asked = list[tuple[AskedView, int]]
@@ -130,7 +130,7 @@ Asked = list[tuple[AskedView, int]]
 
 
 def _solved(views: Asked, later: Later, prior_sd: Array) -> tuple[Array, Array, float]:
-    """Unknowns (7 + S,), what the views alone tell of them (7 + S, 7 + S), and the misfit."""
+    """Unknowns (7 + S,), what the views alone tell of them (7 + S, 7 + S), and the reduced chi-square."""
     prior = np.diag(prior_sd**-2.0)
     x = np.zeros(len(prior_sd))
     for _ in range(_STEPS):
@@ -140,8 +140,8 @@ def _solved(views: Asked, later: Later, prior_sd: Array) -> tuple[Array, Array, 
         if np.abs(step).max() < 1e-7:
             break
     information, _, square, expected = _normal(views, later, x)
-    misfit = square / max(expected, 1e-9)
-    return x, information / max(misfit, 1.0), float(misfit)
+    reduced_chi2 = square / max(expected, 1e-9)
+    return x, information / max(reduced_chi2, 1.0), float(reduced_chi2)
 
 
 def _told(information: Array, prior_sd: Array) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam.checks.matching import LEAST_MATCHES, Points, describe, match_points
-from collabslam.checks.mistakes import Eye
+from collabslam.checks.mistakes import MirroredCamera
 from collabslam.checks.samples import spread
 from collabslam.checks.worn_bias.fit import AskedView, BiasFit, Later, fit_bias
 from collabslam.checks.worn_bias.seen import Triplets, inverse_depths, seen_pose
@@ -61,7 +61,7 @@ class _Images:
     def __init__(self, recording: Recording) -> None:
         assert recording.worn_camera is not None, "only recordings with Cf are asked"
         self._recording = recording
-        self._eyes = Eye(recording.camera), Eye(recording.worn_camera)
+        self._models = MirroredCamera(recording.camera), MirroredCamera(recording.worn_camera)
         self._points: dict[int, Points] = {}
 
     def ask(self, i: int, poses: Array, valid: Mask) -> AskedView | None:
@@ -70,7 +70,7 @@ class _Images:
         matches = match_points(self._of_robot(i), describe(worn.image))
         if len(matches.uv_a) < LEAST_MATCHES:
             return None
-        robot, person = self._eyes
+        robot, person = self._models
         rays = robot.rays(matches.uv_a), person.rays(matches.uv_b)
         rho = rho_sd = np.full(len(rays[0]), np.nan)
         j = _partner(i, poses, valid, float(np.linalg.norm(worn.t_cf[:3, 3])))
@@ -94,7 +94,7 @@ class _Images:
     def _again(self, i: int, j: int, uv: Array) -> Array:
         """Rays (M, 3) in frame ``j`` of points of frame ``i``, NaN where it does not show them."""
         matches = match_points(self._of_robot(i), self._of_robot(j))
-        rays = self._eyes[0].rays(matches.uv_b)
+        rays = self._models[0].rays(matches.uv_b)
         where = {tuple(point): ray for point, ray in zip(matches.uv_a.tolist(), rays, strict=True)}
         unseen = np.full(3, np.nan)
         return np.array([where.get(tuple(point), unseen) for point in uv.tolist()])
@@ -128,8 +128,8 @@ def _partner(i: int, poses: Array, valid: Mask, baseline: float) -> int | None:
     return best
 
 
-class LastingError(NamedTuple):
-    """What a recording says of T_CF's lasting error.
+class TimeCorrelatedError(NamedTuple):
+    """What a recording says of T_CF's time-correlated error.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class LastingError(NamedTuple):
     baseline: Array
 
 
-def lasting_error(recording: Recording) -> LastingError | None:
+def time_correlated_error(recording: Recording) -> TimeCorrelatedError | None:
     """The error of T_CF that all views share, and their clock's; None where no view says anything.
 
     Parameters
@@ -179,4 +179,4 @@ def lasting_error(recording: Recording) -> LastingError | None:
         return None
     fit = fit_bias(views, along_path(np.asarray(recording.times), poses, valid), metric=metric)
     baseline = np.mean([view.measured[:3, 3] for view in views], axis=0)
-    return LastingError(fit, metric, baseline)
+    return TimeCorrelatedError(fit, metric, baseline)

@@ -1,4 +1,4 @@
-"""What was found of T_CF's lasting error, in sentences."""
+"""What was found of T_CF's time-correlated error, in sentences."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NAMES = ("cm", "cm", "cm", "degrees", "degrees", "degrees", "ms")
 _SHARE = 0.3
 """Least part of a direction that is named."""
 _LIKE_BASELINE = 0.9
-_MISFIT = 3.0
+_REDUCED_CHI2 = 3.0
 """Squared residuals over what they should be from which on the correction is not believed."""
 
 
@@ -27,7 +27,7 @@ def rows(fit: BiasFit) -> list[list[str]]:
 
 def believed(fit: BiasFit) -> bool:
     """Whether one correction explains the views, and any of it is told."""
-    return fit.misfit < _MISFIT and len(fit.untold) < len(AXES)
+    return fit.reduced_chi2 < _REDUCED_CHI2 and len(fit.untold) < len(AXES)
 
 
 def sentences(fit: BiasFit, baseline: Array) -> list[str]:
@@ -40,10 +40,11 @@ def sentences(fit: BiasFit, baseline: Array) -> list[str]:
         Mean direction from Cs to Cf, along C's axes.
     """
     out = [_untold(direction, baseline) for direction in fit.untold]
-    if fit.misfit >= _MISFIT:
+    if fit.reduced_chi2 >= _REDUCED_CHI2:
         out.append(
-            f"No lasting error explains the views: their residuals are {np.sqrt(fit.misfit):.1f} times what "
-            "they should be; T_CF's covariance is too small, or its error changes."
+            "No time-correlated error explains the views: their residuals are "
+            f"{np.sqrt(fit.reduced_chi2):.1f} times what they should be; T_CF's covariance is too small, "
+            "or its error changes."
         )
     return out
 

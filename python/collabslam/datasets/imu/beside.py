@@ -109,8 +109,8 @@ def imu_log(
     if is_bag(path):
         return _of_topic(path, given.source, times, told, topics or {}, asked=True)
     raise DataError(
-        f"There is no file {file} with a gyroscope's samples, and {path} is no bag with such a topic; give a "
-        "CSV file: stamp, wx, wy, wz (rad/s)."
+        f"There is no file {file} with a gyroscope's samples, and {path} is not a bag with such a topic; "
+        "give a CSV file: stamp, wx, wy, wz (rad/s)."
     )
 
 

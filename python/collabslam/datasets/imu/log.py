@@ -15,11 +15,11 @@ LEAST_RATE, MOST_RATE = 10.0, 2e4
 """Samples a second that a gyroscope gives."""
 FASTEST, FAST = 35.0, 5.0
 """rad/s that hardly any sample may exceed (2000 degrees/s, the range of most sensors), and that half of
-them may not: what turns faster than that for half of the time is no camera, and its unit is degrees."""
+them may not: what turns faster than that for half of the time is not a camera, and its unit is degrees."""
 IMPOSSIBLE = 70.0
 """rad/s about an axis that no sensor measures."""
 FULL_SCALE = 2.0
-"""rad/s (115 degrees/s) below which a value that repeats at the limit of an axis is no clipping."""
+"""rad/s (115 degrees/s) below which a value that repeats at the limit of an axis is not clipping."""
 STUCK = 1.0
 """Seconds in which a sensor that lives does not repeat a sample to the bit."""
 CLIPPED = 3
@@ -176,7 +176,7 @@ def _with_accelerations(log: ImuLog, accelerations: Array, where: str) -> ImuLog
     if 0.7 * _G <= middle <= 1.4 * _G:
         tell("accelerometer", f"{len(sizes)} samples, {middle:.2f} m/s^2 in the median", where)
         return replace(log, accelerations=accelerations)
-    why = f"{middle:.3g} m/s^2 in the median is no gravity"
+    why = f"{middle:.3g} m/s^2 in the median is not gravity"
     if 0.7 <= middle <= 1.4:
         why += ": it is in g, multiply by 9.80665"
     elif sizes.size:

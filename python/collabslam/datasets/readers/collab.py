@@ -113,7 +113,7 @@ def _read_header(path: Path) -> tuple[str, list[str]]:
 def folder_name(name: str, error: type[CollabslamError]) -> str:
     """A recording's name, of which result folders are called; raises ``error`` if it cannot be one."""
     if not name or set(name) & set("/\\\0") or name.startswith("."):
-        raise error(f"The recording's name '{name}' is no name of a folder; results would go elsewhere.")
+        raise error(f"The recording's name '{name}' is not a name of a folder; results would go elsewhere.")
     return name
 
 

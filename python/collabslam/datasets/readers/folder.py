@@ -35,7 +35,7 @@ def read_times(times: Path, paths: list[Path]) -> tuple[Array, list[Path]]:
     Raises
     ------
     DataError
-        If counts disagree, a named image is missing, or a stamp is no number.
+        If counts disagree, a named image is missing, or a stamp is not a number.
     """
     stamps, further = listed_stamps(data_lines(times), str(times))
     if further and all(more and not is_number(more[0]) for more in further):

@@ -19,7 +19,7 @@ def read_stream(folder: Path) -> tuple[list[int], list[Path]]:
     Raises
     ------
     DataError
-        If the list is broken, an image is missing, or a name is no stamp where there is no list.
+        If the list is broken, an image is missing, or a name is not a stamp where there is no list.
     """
     listing = folder / "data.csv"
     if listing.is_file():

@@ -48,7 +48,7 @@ def read_stamps(path: Path, video: Video) -> Array:
     Raises
     ------
     DataError
-        If there is not one for each frame, or one is no number.
+        If there is not one for each frame, or one is not a number.
     """
     times = as_seconds(listed_stamps(data_lines(path), str(path))[0])
     if len(times) != len(video.times):

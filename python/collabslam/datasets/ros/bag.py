@@ -80,8 +80,8 @@ class Bag:
     Raises
     ------
     DataError
-        If it is no bag or broken, or the extra ``ros`` is not installed.  Methods raise it where a topic is
-        missing, empty or of another type, naming the topics that there are.
+        If it is not a bag or broken, or the extra ``ros`` is not installed.  Methods raise it where a topic
+        is missing, empty or of another type, naming the topics that there are.
     """
 
     def __init__(self, path: Path) -> None:

@@ -65,7 +65,7 @@ def read_imu_topic(path: Path, topic: str, images: str | None, *, asked: bool) -
         if not turns:
             why = "angular_velocity_covariance[0] is -1: there is no angular velocity"
             if asked:
-                raise DataError(f"{where} is no gyroscope ({why}); give another topic.")
+                raise DataError(f"{where} is not a gyroscope ({why}); give another topic.")
             tell("passed over", why, where)
             return None
         samples = bag.imu(topic)

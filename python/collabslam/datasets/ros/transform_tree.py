@@ -59,14 +59,14 @@ class TransformTree:
 
     def between(self, target: str, source: str, t: float) -> Array | None:
         """Maps points (4, 4) of ``source`` into ``target`` at ``t`` seconds; None where tf does not tell."""
-        ways = [self._way(_name(frame)) for frame in (target, source)]
-        common = next((frame for frame in ways[0] if frame in ways[1]), None)
+        paths = [self._path_up(_name(frame)) for frame in (target, source)]
+        common = next((frame for frame in paths[0] if frame in paths[1]), None)
         if common is None:
             return None
         ups = []
-        for way in ways:
+        for path in paths:
             up = np.eye(4)
-            for frame in way[: way.index(common)]:
+            for frame in path[: path.index(common)]:
                 step = self._at(frame, t)
                 if step is None:
                     return None
@@ -74,12 +74,12 @@ class TransformTree:
             ups.append(up)
         return np.asarray(pose_inverse(ups[0]) @ ups[1])
 
-    def _way(self, frame: str) -> list[str]:
+    def _path_up(self, frame: str) -> list[str]:
         """The frame, its parent, and so on to the root."""
-        way = [frame]
-        while way[-1] in self._parents and len(way) <= DEEPEST:
-            way.append(self._parents[way[-1]])
-        return way
+        path = [frame]
+        while path[-1] in self._parents and len(path) <= DEEPEST:
+            path.append(self._parents[path[-1]])
+        return path
 
     def _at(self, frame: str, t: float) -> Array | None:
         times, poses = self._times[frame], self._poses[frame]

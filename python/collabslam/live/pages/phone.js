@@ -85,7 +85,7 @@ function due(now) {
 
 // An arrow to where this camera should look, as its picture stands on the screen; none where the robot does not say it.
 function look(said) {
-  const right = Number(said["look right deg"]), up = Number(said["look up deg"]), turn = Math.round(Math.hypot(right, up));
+  const right = Number(said["next view right deg"]), up = Number(said["next view up deg"]), turn = Math.round(Math.hypot(right, up));
   document.getElementById("look").hidden = !Number.isFinite(turn);
   document.getElementById("arrow").style.transform = `rotate(${Math.atan2(right, up)}rad)`;
   document.getElementById("turn").textContent = `Turn by ${turn} degrees.`;

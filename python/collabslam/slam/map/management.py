@@ -12,7 +12,7 @@ from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.start import Start
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.tracking.depth_input import Depths
-from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array, Ids
@@ -20,11 +20,11 @@ from collabslam.types import Array, Ids
 
 @dataclass(frozen=True)
 class _Observed:
-    """What became of candidates: the feature of each that became one, how far each strayed that did, ids of
-    those held in their places (`CandidateReport`), and pixels of those that are fixed to the camera."""
+    """What became of candidates: the feature of each that became one, how far off its arc each was that did
+    not, ids of those held in their places (`CandidateReport`), and pixels of those fixed to the camera."""
 
     delayed: dict[int, int]
-    strayed: Array
+    off_arc: Array
     held: Ids
     fixed: Array
 
@@ -60,12 +60,12 @@ class MapManager:
             least = 2 * settings.filter.lost.min_matches
             self._vague_below = 0 if start.metric else min(least, self._vague_below)
 
-    def missing(self, found: Found) -> int:
+    def missing(self, found: TrackingResult) -> int:
         """How many features the view lacks."""
         return max(0, self.in_view - len(found.ids))
 
     def grow(
-        self, view: View, found: Found, overlap: Overlaps, depths: Depths, report: UpdateReport
+        self, view: View, found: TrackingResult, overlap: Overlaps, depths: Depths, report: UpdateReport
     ) -> MapChange:
         """After an update that was accepted: births with depth first, then others as the view lacks them."""
         instant, used = overlap.births(report, view.t)
@@ -96,7 +96,7 @@ class MapManager:
             promoted=promoted,
             earlier=earlier,
             deleted=deleted,
-            strayed=observed.strayed,
+            off_arc=observed.off_arc,
             fixed=observed.fixed,
         )
 
@@ -106,7 +106,7 @@ class MapManager:
         undelayed, candidates = self._begin_others(view, instant.uv)
         return MapChange(instant, undelayed=undelayed, candidates=candidates)
 
-    def hold(self, view: View, found: Found) -> MapChange:
+    def hold(self, view: View, found: TrackingResult) -> MapChange:
         """Leaves the map alone, as nobody knows where the camera is; candidates that were lost are dropped.
 
         All of them are if the camera was lost before: it may not have been where they say it was.
@@ -114,15 +114,15 @@ class MapManager:
         self._filter.drop_candidates(self._filter.candidates if view.lost else found.lost)
         return MapChange()
 
-    def _observe(self, found: Found, used: Ids) -> _Observed:
+    def _observe(self, found: TrackingResult, used: Ids) -> _Observed:
         """Candidates that were found, but for those that births with depth use up."""
         rest = ~np.isin(found.candidates, used)
         ids, uv = found.candidates[rest], found.candidate_uv[rest]
         report = self._filter.observe_candidates(ids, uv)
-        strayed = report.strayed[report.strayed > 0.0]
-        return _Observed(_by_candidate(ids, report.born), strayed, ids[report.held], uv[report.fixed])
+        off_arc = report.off_arc[report.off_arc > 0.0]
+        return _Observed(_by_candidate(ids, report.born), off_arc, ids[report.held], uv[report.fixed])
 
-    def _promote_oldest(self, found: Found, held: Ids, count: int) -> dict[int, int]:
+    def _promote_oldest(self, found: TrackingResult, held: Ids, count: int) -> dict[int, int]:
         """Where the view runs out of features, candidates that waited longest wait no longer.
 
         Those that the image has ``held`` in their places may be fixed to the camera.

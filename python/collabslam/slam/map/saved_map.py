@@ -23,7 +23,7 @@ from collabslam.slam.submaps.chain import Chain, Submap, check_chain
 from collabslam.slam.targets.in_map import check_targets
 from collabslam.types import Array, Ids
 
-KIND, VERSION = "map", 5
+KIND, VERSION = "map", 6
 CLASSES = (Loop, Patch, Submap)
 """Dataclasses that are in it."""
 CONTENT = fields(
@@ -111,7 +111,7 @@ class SavedMap:
             return _map_of(content)
         except (CollabslamError, TypeError) as error:
             raise DataError(
-                f"The file {path} is no map of collabslam ({error}); save the map again."
+                f"The file {path} is not a map of collabslam ({error}); save the map again."
             ) from error
 
     def seen_by(self, camera: Camera) -> SavedMap:

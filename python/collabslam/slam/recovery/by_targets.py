@@ -1,4 +1,4 @@
-"""A camera found by printed targets of its map, or of one put aside (METHOD 17)."""
+"""A camera found by printed targets of its map, or of an inactive one (METHOD 17)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 
 from collabslam._core import Camera, Filter
 from collabslam.slam.map_change import ImagePoints, Recovered
-from collabslam.slam.recovery.map_aside import MapAside
+from collabslam.slam.recovery.inactive_map import InactiveMap
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.targets.fix import BELIEVABLE, fixes, surprise
 from collabslam.slam.targets.in_map import SeenTarget
@@ -38,10 +38,16 @@ def find_by_targets(core: Filter, camera: Camera, seen: Sequence[SeenTarget]) ->
     return None
 
 
-def find_in_aside(
-    core: Filter, camera: Camera, seen: Sequence[SeenTarget], maps: Relocaliser, old: MapAside, *, lost: bool
+def find_in_inactive(
+    core: Filter,
+    camera: Camera,
+    seen: Sequence[SeenTarget],
+    maps: Relocaliser,
+    old: InactiveMap,
+    *,
+    lost: bool,
 ) -> Recovered | None:
-    """Leaves the map in use for one put aside, if the targets in the image put the camera there.
+    """Leaves the map in use for an inactive one, if the targets in the image put the camera there.
 
     Parameters
     ----------
@@ -52,7 +58,7 @@ def find_in_aside(
     seen : sequence of SeenTarget
         With landmarks by their places in that map.
     maps : Relocaliser
-    old : MapAside
+    old : InactiveMap
         One of those that ``maps`` holds.
     lost : bool
         Whether the camera may be anywhere.  Else a target that puts it where it cannot be was moved.
@@ -71,7 +77,7 @@ def _put(core: Filter, first: Array, ids: Ids, uv: Array, least: int) -> Filter 
     return trial if trial.relocalise(first, ids, uv, least=least).accepted else None
 
 
-def _put_in(core: Filter, old: MapAside, first: Array, ids: Ids, uv: Array, least: int) -> Filter | None:
+def _put_in(core: Filter, old: InactiveMap, first: Array, ids: Ids, uv: Array, least: int) -> Filter | None:
     """The same in another map, whose landmarks ``ids`` are, by their places."""
     trial = Filter.restore(core.snapshot())
     there = trial.relocalise_in(old.landmarks, old.covariance, old.place, first, ids, uv, least=least)

@@ -14,7 +14,7 @@ from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.place_recognition import locate, most_alike
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import Recovered
-from collabslam.slam.recovery.map_aside import MapAside
+from collabslam.slam.recovery.inactive_map import InactiveMap
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.state import PersistentState
 from collabslam.slam.submaps.chain import Chain, Submap
@@ -81,7 +81,7 @@ class KnownSubmaps(PersistentState):
         return None if fix is None else self._relocaliser.enter(there, fix)
 
 
-def as_map(submap: Submap) -> MapAside:
+def as_map(submap: Submap) -> InactiveMap:
     """A submap as a map to be in: its landmarks seen from where it ended, which is its place in W."""
     n, rotation, centre = len(submap.ids), submap.pose[:3, :3], submap.pose[:3, 3]
     rays = submap.points @ rotation.T
@@ -94,7 +94,7 @@ def as_map(submap: Submap) -> MapAside:
     joint[:, 3:, :, 3:] = 0.5 * (blocks + blocks.transpose(2, 3, 0, 1))
     to_w = adjoint(submap.pose)
     place = to_w @ submap.pose_covariance @ to_w.T
-    return MapAside(
+    return InactiveMap(
         np.column_stack([np.tile(centre, (n, 1)), angles, 1.0 / length]),
         joint.reshape(6 * n, 6 * n),
         0.5 * (place + place.T),

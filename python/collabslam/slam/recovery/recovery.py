@@ -5,7 +5,7 @@ from __future__ import annotations
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import Recovered
-from collabslam.slam.recovery.by_targets import find_by_targets, find_in_aside
+from collabslam.slam.recovery.by_targets import find_by_targets, find_in_inactive
 from collabslam.slam.recovery.known_submaps import KnownSubmaps
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.recovery.restart import Restart
@@ -78,11 +78,11 @@ class Recovery:
     def _by_targets(self, *, lost: bool) -> Recovered | None:
         """Where printed targets put the camera: in its map, if it may be anywhere, or in another one."""
         found = find_by_targets(self._filter, self._camera, self._printed.in_map()) if lost else None
-        for old in self._relocaliser.aside:
+        for old in self._relocaliser.inactive:
             if found is not None:
                 break
             seen = self._printed.among(old.targets)
-            found = find_in_aside(self._filter, self._camera, seen, self._relocaliser, old, lost=lost)
+            found = find_in_inactive(self._filter, self._camera, seen, self._relocaliser, old, lost=lost)
         return found
 
     def _holds_targets(self) -> bool:

@@ -1,7 +1,7 @@
 """Finding a lost camera again: views of the landmarks are kept, and compared when it is lost.
 
-A map that the camera was lost in is put aside when a new one is started, and its views are compared as well:
-in frames that fail, and every now and then while the camera is in the new map.
+A map that the camera was lost in is made inactive when a new one is started, and its views are compared as
+well: in frames that fail, and every now and then while the camera is in the new map.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.place_recognition import MIN_PATCHES, Fix, describe_views, locate
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, Recovered
-from collabslam.slam.recovery.map_aside import MapAside, check_aside
+from collabslam.slam.recovery.inactive_map import InactiveMap, check_inactive_map
 from collabslam.slam.state import PATCH, SECONDS, PersistentState
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.tracking.tracks import Tracks
@@ -36,8 +36,8 @@ VIEWS = 3
 MAX_RHO_RATIO = 0.3
 """Largest sd(rho) / rho of a landmark that helps to find the camera: the range of others is hardly known."""
 
-MAX_ASIDE = 4
-"""Maps put aside, at most; beyond it the second oldest goes, as the first is the one best tied to W."""
+MAX_INACTIVE = 4
+"""Inactive maps, at most; beyond it the second oldest goes, as the first is the one best tied to W."""
 
 
 class Relocaliser(PersistentState):
@@ -57,7 +57,7 @@ class Relocaliser(PersistentState):
         "_views": table(int, items(PATCH)),
         "_last": optional(number(-SECONDS, SECONDS)),
         "_attempts": whole(0),
-        "_aside": items(check_aside),
+        "_inactive": items(check_inactive_map),
         "_looked_back": optional(number(-SECONDS, SECONDS)),
     }
 
@@ -66,7 +66,7 @@ class Relocaliser(PersistentState):
         self._views: dict[int, list[Patch]] = {}
         self._last: float | None = None
         self._attempts = 0
-        self._aside: list[MapAside] = []
+        self._inactive: list[InactiveMap] = []
         self._looked_back: float | None = None
         self._described: dict[int, tuple[Patch, Descriptors]] = {}
 
@@ -102,11 +102,11 @@ class Relocaliser(PersistentState):
         if not gone.isdisjoint(self._views):
             self._views = {i: views for i, views in self._views.items() if i not in gone}
 
-    def map_in_use(self, printed: PrintedTargets) -> MapAside:
-        """The map that the camera is in, with the printed targets in it, to be put aside."""
+    def map_in_use(self, printed: PrintedTargets) -> InactiveMap:
+        """The map that the camera is in, with the printed targets in it, to be made inactive."""
         known, landmarks = self._core.known_map(), self._core.landmarks()
         good = landmarks.rho_ratio < MAX_RHO_RATIO
-        return MapAside(
+        return InactiveMap(
             known.landmarks,
             known.covariance,
             known.place,
@@ -116,43 +116,43 @@ class Relocaliser(PersistentState):
             printed.in_list(known.ids),
         )
 
-    def put_aside(self, old: MapAside | None) -> None:
+    def make_inactive(self, old: InactiveMap | None) -> None:
         """The camera has left a map for a new one: the old one, if given, is kept if it can be recognised."""
         self._views = {}
         if old is not None and (len(old.use) >= MIN_PATCHES or old.targets):
-            kept = [*self._aside, old]
-            self._aside = kept if len(kept) <= MAX_ASIDE else [kept[0], *kept[2:]]
+            kept = [*self._inactive, old]
+            self._inactive = kept if len(kept) <= MAX_INACTIVE else [kept[0], *kept[2:]]
 
     @property
-    def aside(self) -> list[MapAside]:
-        """Maps put aside, the one that is looked for next first."""
-        return self._aside
+    def inactive(self) -> list[InactiveMap]:
+        """Inactive maps, the one that is looked for next first."""
+        return self._inactive
 
     def attempt(self, view: View) -> Recovered | None:
-        """Looks for the camera in its map, in turn with those aside, and resets the filter to where it is.
+        """Looks for the camera in its map, in turn with the inactive ones, and resets the filter there.
 
         Returns
         -------
         Recovered or None
             None if the camera was not found.
         """
-        round_, turn = divmod(self._attempts, 1 + len(self._aside))
+        round_, turn = divmod(self._attempts, 1 + len(self._inactive))
         self._attempts += 1
         rolls = (ROLLS[round_ % len(ROLLS)],)
-        return self._in_aside(view, turn - 1, rolls) if turn else self._in_use(view, rolls)
+        return self._in_inactive(view, turn - 1, rolls) if turn else self._in_use(view, rolls)
 
     def look_back(self, view: View) -> Recovered | None:
-        """Whether the camera sees a map put aside: asked now and then, of one map in turn.
+        """Whether the camera sees an inactive map: asked now and then, of one map in turn.
 
         As `attempt`: if it does, the filter is back in that map.
         """
-        if not self._aside:
+        if not self._inactive:
             return None
         if self._looked_back is not None and view.t - self._looked_back < EVERY:
             return None
         self._looked_back = view.t
-        self._aside = [self._aside[-1], *self._aside[:-1]]
-        return self._in_aside(view, 0, (0.0,))
+        self._inactive = [self._inactive[-1], *self._inactive[:-1]]
+        return self._in_inactive(view, 0, (0.0,))
 
     def _in_use(self, view: View, rolls: tuple[float, ...]) -> Recovered | None:
         landmarks = self._core.landmarks()
@@ -166,8 +166,8 @@ class Relocaliser(PersistentState):
             return None
         return self._recovered(ids[fix.landmarks], fix, report)
 
-    def _in_aside(self, view: View, which: int, rolls: tuple[float, ...]) -> Recovered | None:
-        old = self._aside[which]
+    def _in_inactive(self, view: View, which: int, rolls: tuple[float, ...]) -> Recovered | None:
+        old = self._inactive[which]
         fix = self._locate(view, old.points, [old.views[i] for i in old.use], rolls)
         if fix is None:
             return None
@@ -179,13 +179,13 @@ class Relocaliser(PersistentState):
         return not self._core.followed_odometry
 
     def enter(
-        self, old: MapAside, fix: Fix, least: int | None = None, *, predicted: bool = False
+        self, old: InactiveMap, fix: Fix, least: int | None = None, *, predicted: bool = False
     ) -> Recovered | None:
         """Leaves the map in use for another one, in which an image shows the camera.
 
         Parameters
         ----------
-        old : MapAside
+        old : InactiveMap
         fix : Fix
             Landmarks by their place in that map.
         least : int, optional
@@ -212,7 +212,7 @@ class Relocaliser(PersistentState):
         ids, report = there.ids, there.report
         if not report.accepted:
             return None
-        self._aside = [other for other in self._aside if other is not old]
+        self._inactive = [other for other in self._inactive if other is not old]
         self._views = dict(zip(ids.tolist(), [views[1:] for views in old.views], strict=True))
         first = dict(zip(ids.tolist(), [views[0] for views in old.views], strict=True))
         found = self._recovered(ids[places], fix, report, first)

@@ -11,14 +11,14 @@ from collabslam.slam.map_change import Recovered
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.targets.in_map import PrintedTargets
-from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.matcher import WornMatcher
 from collabslam.slam.worn.overlaps import Overlaps
 
 
 class Restart:
-    """Puts the map in use aside and begins another one.
+    """Makes the map in use inactive and begins another one.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ class Restart:
         """A new map from Cf where prediction puts a lost camera, and its births; None if too few.
 
         A camera that has never known where it is has nothing to tie a map to.  A map of a ``wrong`` size is
-        not put aside, to be found again, and where it has led the camera since it was right is not known.
+        not made inactive, to be found again, and where it has led the camera since it was right is not known.
         """
         if not (self._metric and self._monitor.found):
             return None
         for given in view.worn:
-            matched = self._worn.match(view, given, Found.nothing(), self._map.in_view)
+            matched = self._worn.match(view, given, TrackingResult.nothing(), self._map.in_view)
             if not matched.measured:
                 continue
             overlap = Overlaps((matched,))
@@ -68,7 +68,7 @@ class Restart:
             gone = self._size.gone(self._filter.pose) if wrong else np.zeros(3)
             report = self._filter.restart(matched.observation, gone)
             if report.accepted:
-                self._relocaliser.put_aside(old)
+                self._relocaliser.make_inactive(old)
                 begun = self._map.begin(view, overlap, report)
                 return Recovered(other_map={}, begun=begun, counts=overlap.counts(report))
         return None

@@ -36,7 +36,7 @@ class Submap:
     ids : (N,) int64
     points : (N, 3) float64
         Metres, in the frame of the camera.
-    covariance, with_handed_on, handed_on : (3 N, 3 N), (3 N, K), (K, K) float64
+    covariance, with_transferred, transferred : (3 N, 3 N), (3 N, K), (K, K) float64
         See `_core.Submap`; runs with different numbers of worn cameras differ in K.
     patches : list of N Patch
         Of the image there.
@@ -52,8 +52,8 @@ class Submap:
     ids: Ids
     points: Array
     covariance: Array
-    with_handed_on: Array
-    handed_on: Array
+    with_transferred: Array
+    transferred: Array
     patches: list[Patch]
     descriptors: NDArray[np.float32]
     used: NDArray[np.bool_]
@@ -71,7 +71,7 @@ class Submap:
             ids=self.ids[which],
             points=self.points[which],
             covariance=self.covariance[np.ix_(rows, rows)],
-            with_handed_on=self.with_handed_on[rows],
+            with_transferred=self.with_transferred[rows],
             patches=patches,
             descriptors=descriptors,
             used=self.used[which],
@@ -84,7 +84,7 @@ class Submap:
             ids=self.ids[:0],
             points=np.empty((0, 3)),
             covariance=np.empty((0, 0)),
-            with_handed_on=self.with_handed_on[:0],
+            with_transferred=self.with_transferred[:0],
             patches=[],
             descriptors=self.descriptors[:0],
             used=self.used[:0],
@@ -102,15 +102,15 @@ class Chain:
     loops : list of Loop
     poses : (N, 4, 4) float64
         T_WC where they ended.
-    handed_on : list of N (K,) float64
-        By how much what each handed on is wrong.
+    transferred : list of N (K,) float64
+        By how much what each transferred is wrong.
     """
 
     submaps: list[Submap]
     factors: list[Factor]
     loops: list[Loop]
     poses: Array
-    handed_on: list[Array]
+    transferred: list[Array]
 
     @classmethod
     def empty(cls) -> Chain:
@@ -121,14 +121,14 @@ class Chain:
     def graph(self) -> PoseGraph:
         """The graph where it stands."""
         last = len(self.submaps) - 1
-        end = Factor.of_handed_on(last, self.submaps[last].handed_on)
-        return PoseGraph(self.poses, self.handed_on, [*self.factors, end])
+        end = Factor.of_transferred(last, self.submaps[last].transferred)
+        return PoseGraph(self.poses, self.transferred, [*self.factors, end])
 
     @cached_property
     def solved(self) -> Chain:
         """With the poses that all factors agree with best; raises FilterError where there are none."""
         graph = self.graph.solved()
-        chain = replace(self, poses=graph.poses, handed_on=graph.handed_on)
+        chain = replace(self, poses=graph.poses, transferred=graph.transferred)
         chain.__dict__["graph"] = graph  # with its factor, from which covariances are read
         return chain
 
@@ -154,7 +154,7 @@ class Chain:
             submaps=kept,
             factors=[*self.factors, *factors],
             poses=np.concatenate([self.poses, at[None]]),
-            handed_on=[*self.handed_on, np.zeros(len(submap.handed_on))],
+            transferred=[*self.transferred, np.zeros(len(submap.transferred))],
         )
 
     def closed(self, loop: Loop, factor: Factor, used: NDArray[np.bool_]) -> Chain:
@@ -213,17 +213,17 @@ class Chain:
         if edge is not None:
             with contextlib.suppress(FilterError):  # a covariance that rounding has spoilt
                 return [Factor.between(k - 1, k, edge)]
-        # Another map: what prediction knows of its place ties both, and nothing is handed on.
-        handed_on = Factor.of_handed_on(k - 1, self.submaps[-1].handed_on)
+        # Another map: what prediction knows of its place ties both, and nothing is transferred.
+        transferred = Factor.of_transferred(k - 1, self.submaps[-1].transferred)
         pose = submap.pose, submap.pose_covariance
         if base is not None:
-            return [handed_on, Factor.of_pose(base, k, *self.within(base, *pose))]
-        return [handed_on, Factor.of_pose(k - 1, k, *self.apart(*pose))]
+            return [transferred, Factor.of_pose(base, k, *self.within(base, *pose))]
+        return [transferred, Factor.of_pose(k - 1, k, *self.apart(*pose))]
 
     def state(self) -> dict[str, Any]:
         """As `formats.container` takes it."""
         factors = [
-            {name: getattr(factor, name) for name in ("first", "second", "pose", "handed_on", "weight")}
+            {name: getattr(factor, name) for name in ("first", "second", "pose", "transferred", "weight")}
             for factor in self.factors
         ]
         return {
@@ -231,15 +231,15 @@ class Chain:
             "factors": factors,
             "loops": self.loops,
             "poses": self.poses,
-            "handed_on": self.handed_on,
+            "transferred": self.transferred,
         }
 
     @classmethod
     def of(cls, state: Mapping[str, Any]) -> Chain:
         """The chain of a `state` that passed `check_chain`; raises InputError for a factor that is none."""
         factors = [Factor(**numbers) for numbers in state["factors"]]
-        handed_on = list(state["handed_on"])
-        return cls(list(state["submaps"]), factors, list(state["loops"]), state["poses"], handed_on)
+        transferred = list(state["transferred"])
+        return cls(list(state["submaps"]), factors, list(state["loops"]), state["poses"], transferred)
 
 
 def _check_submap(value: Any, where: str) -> None:
@@ -248,7 +248,7 @@ def _check_submap(value: Any, where: str) -> None:
         Submap,
         ids=array("<i8", None),
         descriptors=array("<f4", None, 128),
-        handed_on=covariance(None),
+        transferred=covariance(None),
     )
     sizes(value, where)
     n = len(value.ids)
@@ -259,7 +259,7 @@ def _check_submap(value: Any, where: str) -> None:
         pose_covariance=covariance(6),
         points=array("<f8", n, 3),
         covariance=covariance(3 * n),
-        with_handed_on=array("<f8", 3 * n, len(value.handed_on)),
+        with_transferred=array("<f8", 3 * n, len(value.transferred)),
         patches=items(PATCH, n),
         used=array("|b1", n),
     )(value, where)
@@ -285,22 +285,22 @@ _FIELDS = fields(
             first=whole(-1),
             second=whole(0),
             pose=pose,
-            handed_on=array("<f8", None),
+            transferred=array("<f8", None),
             weight=array("<f8", None, None),
         )
     ),
     loops=items(_LOOP),
     poses=array("<f8", None, 4, 4),
-    handed_on=items(array("<f8", None)),
+    transferred=items(array("<f8", None)),
 )
 
 
 def _check_columns(factor: Mapping[str, Any], given: list[int], where: str) -> None:
-    """A factor of as many numbers as its submaps handed on, or of none of them."""
-    own = len(factor["handed_on"])
+    """A factor of as many numbers as its submaps transferred, or of none of them."""
+    own = len(factor["transferred"])
     of_first = 0 if factor["first"] < 0 else given[factor["first"]]
     if own not in (0, of_first) or factor["weight"].shape[1] - 6 - own not in (0, given[factor["second"]]):
-        refuse(where, "a factor of what its submaps handed on")
+        refuse(where, "a factor of what its submaps transferred")
 
 
 def check_chain(value: Any, where: str) -> None:
@@ -312,11 +312,11 @@ def check_chain(value: Any, where: str) -> None:
     ends = [(f["first"], f["second"]) for f in value["factors"]]
     ends += [(loop.first, loop.second) for loop in value["loops"]]
     between = all(max(pair) < n for pair in ends)
-    if len(value["poses"]) != n or len(value["handed_on"]) != n or not between:
+    if len(value["poses"]) != n or len(value["transferred"]) != n or not between:
         refuse(where, "as many poses as submaps, and factors and loops between them")
-    given = [len(submap.handed_on) for submap in value["submaps"]]
-    if [len(numbers) for numbers in value["handed_on"]] != given:
-        refuse(where, "what each submap handed on")
+    given = [len(submap.transferred) for submap in value["submaps"]]
+    if [len(numbers) for numbers in value["transferred"]] != given:
+        refuse(where, "what each submap transferred")
     for k, factor in enumerate(value["factors"]):
         _check_columns(factor, given, f"{where}.factors[{k}]")
     if not all(submap.described for submap in value["submaps"][:-1]):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from collabslam._core import (
     Camera,
     Factor,
-    Placed,
+    PosedNode,
     SubmapLandmarks,
     chi2_quantile,
     pose_inverse,
@@ -51,13 +51,13 @@ class Wanted:
         In which the last submap ended.
     alive : (N,) int64
         Landmarks that the filter held then: a loop with these would tell what it knows already.
-    slip : float
+    map_drift : float
         Standard deviation of what the matches of a loop share, radians (METHOD 20).
     """
 
     image: Image
     alive: Ids
-    slip: float
+    map_drift: float
 
 
 @dataclass(frozen=True)
@@ -67,12 +67,12 @@ class Answer:
     Attributes
     ----------
     chain : Chain
-    placed : Placed or None
+    posed_node : PosedNode or None
         The last submap as the loops correct it; None without any loop.
     """
 
     chain: Chain
-    placed: Placed | None
+    posed_node: PosedNode | None
 
 
 class LoopSearch:
@@ -100,8 +100,8 @@ class LoopSearch:
             found = self._closed(chain, wanted)
             solved = found or (chain.solved if chain.loops else None)
             if solved is not None:
-                placed = solved.graph.placed(len(solved.submaps) - 1)
-                return Answer(replace(solved), placed)  # without its factor, as a file holds it
+                posed_node = solved.graph.posed_node(len(solved.submaps) - 1)
+                return Answer(replace(solved), posed_node)  # without its factor, as a file holds it
         except FilterError:
             pass
         return Answer(chain, None)
@@ -121,13 +121,13 @@ class LoopSearch:
         fix = self._located(chain, wanted, first, fresh)
         if fix is None:
             return None
-        known = SubmapLandmarks(submap.points, submap.covariance, submap.with_handed_on, submap.handed_on)
+        known = SubmapLandmarks(submap.points, submap.covariance, submap.with_transferred, submap.transferred)
         landmarks = fresh[fix.landmarks]
-        noise = self._sigma, wanted.slip
-        found = known.sight(self._camera, *noise, landmarks, fix.uv, fix.pose, MIN_PATCHES)
+        noise = self._sigma, wanted.map_drift
+        found = known.pnp(self._camera, *noise, landmarks, fix.uv, fix.pose, MIN_PATCHES)
         if found is None:
             return None
-        factor = Factor.of_sight(first, second, found)
+        factor = Factor.of_submap_pnp(first, second, found)
         before = chain.solved
         chi2 = before.graph.distance(factor)
         if chi2 > chi2_quantile(LEVEL, 6.0):

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import Camera, Edge, Filter, Placed, adjoint, pose_inverse
+from collabslam._core import Camera, Edge, Filter, PosedNode, adjoint, pose_inverse
 from collabslam.errors import FilterError
 from collabslam.formats.schema import (
     Check,
@@ -34,7 +34,7 @@ from collabslam.frontend.patch import capture
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
-from collabslam.slam.submaps.beside import Beside
+from collabslam.slam.submaps.background_task import BackgroundTask
 from collabslam.slam.submaps.chain import Chain, Submap, check_chain
 from collabslam.slam.submaps.loop_search import Answer, LoopSearch, Wanted
 from collabslam.slam.view import View
@@ -48,10 +48,10 @@ STILL_SEEN = 0.5
 """Share of a submap's landmarks that are in view at least while it lasts."""
 
 
-def _check_placed(value: Any, where: str) -> None:
-    """The numbers of a `Placed`, which fit together."""
-    fields(pose=pose, handed_on=array("<f8", None), covariance=covariance(None))(value, where)
-    covariance(6 + len(value["handed_on"]))(value["covariance"], f"{where}.covariance")
+def _check_posed_node(value: Any, where: str) -> None:
+    """The numbers of a `PosedNode`, which fit together."""
+    fields(pose=pose, transferred=array("<f8", None), covariance=covariance(None))(value, where)
+    covariance(6 + len(value["transferred"]))(value["covariance"], f"{where}.covariance")
 
 
 class Submaps(PersistentState):
@@ -70,9 +70,9 @@ class Submaps(PersistentState):
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_chain": check_chain,
         "_wanted": optional(
-            instance(Wanted, image=array("|u1", None, None), alive=array("<i8", None), slip=number(0.0))
+            instance(Wanted, image=array("|u1", None, None), alive=array("<i8", None), map_drift=number(0.0))
         ),
-        "_placed": optional(_check_placed),
+        "_posed_node": optional(_check_posed_node),
         "_frames": whole(0),
         "_base": optional(whole(0)),
     }
@@ -80,24 +80,24 @@ class Submaps(PersistentState):
     def __init__(self, core: Filter, camera: Camera, sigma: float, options: FrontendSettings) -> None:
         self._core, self._camera = core, camera
         self._search = LoopSearch(camera, sigma, options)
-        self._beside: Beside[Answer] = Beside()
+        self._background: BackgroundTask[Answer] = BackgroundTask()
         self._chain = Chain.empty()
         self._wanted: Wanted | None = None
-        self._placed: Placed | None = None
+        self._posed_node: PosedNode | None = None
         self._frames = 0
         self._base: int | None = None
 
     def state(self) -> dict[str, Any]:
         """As `PersistentState.state`."""
-        at = self._placed
-        placed = at and {"pose": at.pose, "handed_on": at.handed_on, "covariance": at.covariance}
-        return {**self.attributes(), "_chain": self._chain.state(), "_placed": placed}
+        at = self._posed_node
+        posed_node = at and {"pose": at.pose, "transferred": at.transferred, "covariance": at.covariance}
+        return {**self.attributes(), "_chain": self._chain.state(), "_posed_node": posed_node}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """As `PersistentState.restore`; what belongs together must fit together."""
         super().restore(state)
         self._chain = Chain.of(state["_chain"])
-        self._placed = None if state["_placed"] is None else Placed(**state["_placed"])
+        self._posed_node = None if state["_posed_node"] is None else PosedNode(**state["_posed_node"])
         if self._wanted is None and not all(submap.described for submap in self._chain.submaps):
             refuse("Submaps", "a chain whose submaps can be recognised")
         if self._base is not None and self._base >= len(self._chain.submaps):
@@ -106,8 +106,8 @@ class Submaps(PersistentState):
             refuse("Submaps", "a search for the last submap")
         way = self._core.since_submap()
         if way is not None:
-            ends = [submap.handed_on for submap in self._chain.submaps[-1:]]
-            ends += [self._placed.handed_on] if self._placed is not None else []
+            ends = [submap.transferred for submap in self._chain.submaps[-1:]]
+            ends += [self._posed_node.transferred] if self._posed_node is not None else []
             if any(len(end) != len(way.revised) for end in ends):
                 refuse("Submaps", "of as many worn cameras as the filter")
         size = self._camera.height, self._camera.width
@@ -122,7 +122,7 @@ class Submaps(PersistentState):
         """Goes on from the submaps of an earlier run, in its W."""
         self._chain = chain
         if chain.loops:
-            self._placed = chain.graph.placed(len(chain.submaps) - 1)
+            self._posed_node = chain.graph.posed_node(len(chain.submaps) - 1)
 
     def found_in(self, base: int, ids: list[int]) -> None:
         """The filter has the landmarks of a submap as its map, with these ids in their order."""
@@ -131,13 +131,13 @@ class Submaps(PersistentState):
         names = dict(zip(self._chain.submaps[base].ids.tolist(), ids, strict=True))
         self._chain = self._chain.renamed(names).held(np.array(ids, dtype=np.int64))
         self._base = base
-        if self._placed is not None:
-            self._placed = self._chain.graph.placed(base)
+        if self._posed_node is not None:
+            self._posed_node = self._chain.graph.posed_node(base)
 
     def elsewhere(self) -> None:
-        """The filter is in a map that is no submap's."""
-        if self._base is not None and self._placed is not None:
-            self._placed = self._chain.graph.placed(len(self._chain.submaps) - 1)
+        """The filter is in a map that is not a submap's."""
+        if self._base is not None and self._posed_node is not None:
+            self._posed_node = self._chain.graph.posed_node(len(self._chain.submaps) - 1)
         self._base = None
 
     def follow(self, view: View, seen: ImagePoints) -> int:
@@ -161,10 +161,10 @@ class Submaps(PersistentState):
     def place(self) -> tuple[Array, Array]:
         """T_WC as the loops correct it and its (6, 6) covariance; the filter's where there are none."""
         odometry, covariance = self._core.pose, self._core.pose_covariance
-        if self._placed is None:
+        if self._posed_node is None:
             return odometry, covariance
         nothing = np.empty((0, 0))
-        now = self._onward(self._placed, self._core.since_submap(), odometry, covariance, nothing)
+        now = self._onward(self._posed_node, self._core.since_submap(), odometry, covariance, nothing)
         return now.pose, now.covariance[:6, :6]
 
     def _is_over(self, seen: Ids) -> bool:
@@ -184,36 +184,36 @@ class Submaps(PersistentState):
             made.ids,
             made.points,
             made.covariance,
-            made.with_handed_on,
-            made.handed_on,
+            made.with_transferred,
+            made.transferred,
             patches,
             np.empty((0, 128), np.float32),
             np.zeros(len(made.ids), dtype=bool),
         )
-        if self._placed is not None:
-            as_filter_has_it = made.pose, made.pose_covariance, made.handed_on
-            self._placed = self._onward(self._placed, made.edge, *as_filter_has_it)
+        if self._posed_node is not None:
+            as_filter_has_it = made.pose, made.pose_covariance, made.transferred
+            self._posed_node = self._onward(self._posed_node, made.edge, *as_filter_has_it)
         self._chain = self._chain.longer(submap, made.edge, self._base)
         self._base = None
         self._frames = 0
-        self._wanted = Wanted(view.image.copy(), self._core.features, made.slip)
-        self._beside.begin(self._wanted, self._work(self._wanted))
+        self._wanted = Wanted(view.image.copy(), self._core.features, made.map_drift)
+        self._background.begin(self._wanted, self._work(self._wanted))
 
     def _onward(
         self,
-        placed: Placed,
+        posed_node: PosedNode,
         edge: Edge | None,
         pose: Array,
         pose_covariance: Array,
-        handed_on: Array,
-    ) -> Placed:
-        """Where the filter's pose is, seen from a placed submap, the last one that ended.
+        transferred: Array,
+    ) -> PosedNode:
+        """Where the filter's pose is, seen from a submap whose pose is known, the last one that ended.
 
         Where the filter has begun another map since, only what is known of both poses ties them.
         """
         if edge is not None:
             try:
-                return placed.onward(edge)
+                return posed_node.onward(edge)
             except FilterError:  # a covariance that rounding has spoilt
                 pass
         if self._base is None:
@@ -221,19 +221,19 @@ class Submaps(PersistentState):
         else:
             relative, apart = self._chain.within(self._base, pose, pose_covariance)
         back = adjoint(pose_inverse(relative))
-        n = len(handed_on)
+        n = len(transferred)
         joint = np.zeros((6 + n, 6 + n))
-        joint[:6, :6] = apart + back @ placed.covariance[:6, :6] @ back.T
-        joint[6:, 6:] = handed_on
-        return Placed(placed.pose @ relative, np.zeros(n), joint)
+        joint[:6, :6] = apart + back @ posed_node.covariance[:6, :6] @ back.T
+        joint[6:, 6:] = transferred
+        return PosedNode(posed_node.pose @ relative, np.zeros(n), joint)
 
     def _answer(self, wanted: Wanted) -> Answer:
-        return self._beside.result(wanted, self._work(wanted))
+        return self._background.result(wanted, self._work(wanted))
 
     def _work(self, wanted: Wanted) -> partial[Answer]:
         return partial(self._search.look, self._chain, wanted)
 
     def _adopt(self, answer: Answer) -> None:
         self._chain, self._wanted = answer.chain, None
-        if answer.placed is not None:
-            self._placed = answer.placed
+        if answer.posed_node is not None:
+            self._posed_node = answer.posed_node

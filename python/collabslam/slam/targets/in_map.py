@@ -15,7 +15,7 @@ from collabslam.frontend.search import FOUND
 from collabslam.geometry import pose_inverse, skew
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
-from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.targets.kinds import Board, Tag
 from collabslam.targets.printed import Sighting, printed_corners, sighting
@@ -135,7 +135,7 @@ class PrintedTargets(PersistentState):
             raise InputError(f"There are {MOST} printed targets already; leave out some.")
         self._names = [*self._names, str(target)]
 
-    def place(self, view: View, expected: Prediction, found: Found) -> Found:
+    def place(self, view: View, expected: Prediction, found: TrackingResult) -> TrackingResult:
         """The frame's search, with the corners of targets where they were read off.
 
         Parameters
@@ -143,7 +143,7 @@ class PrintedTargets(PersistentState):
         view : View
         expected : Prediction
             Features that should be visible.
-        found : Found
+        found : TrackingResult
             Outcome of the search.
         """
         if not self._names:
@@ -283,7 +283,7 @@ def _as_expected(target: Tag | Board, uv: Array, ids: Ids, expected: Prediction)
     return uv if off[0] <= off[1] else uv[::-1]
 
 
-def _without_missed(found: Found, ids: Ids) -> Found:
+def _without_missed(found: TrackingResult, ids: Ids) -> TrackingResult:
     """The search's outcome, as if those of these features that it missed had not been looked for.
 
     A target too near, half out of the image or blurred is not gone: its corners stay in the map.
@@ -299,7 +299,7 @@ def _without_missed(found: Found, ids: Ids) -> Found:
     )
 
 
-def _with_corners(found: Found, expected: Prediction, ids: Ids, uv: Array) -> Found:
+def _with_corners(found: TrackingResult, expected: Prediction, ids: Ids, uv: Array) -> TrackingResult:
     """The search's outcome, with these features found at these pixels if they were expected at all."""
     result = found.result
     there = np.isin(found.searched, ids)

@@ -14,7 +14,7 @@ from collabslam.errors import InputError
 from collabslam.formats.schema import Check, array, items, refuse
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
-from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Indices, Mask
 
@@ -88,13 +88,13 @@ class DepthInput(PersistentState):
         """Drop what was given: the frame it was for cannot be used."""
         self._given = []
 
-    def take(self, view: View, found: Found, used: Ids, missing: int) -> Depths:
+    def take(self, view: View, found: TrackingResult, used: Ids, missing: int) -> Depths:
         """The depths given since the last frame, at the points of this one.
 
         Parameters
         ----------
         view : View
-        found : Found
+        found : TrackingResult
             Features tracked into this frame; each takes the nearest depth.
         used : (M,) int64
             Features that have another measurement with depth.

@@ -38,7 +38,7 @@ _MAX_GIVEN = 16  # found features, at most, from which the camera's motion is ta
 
 
 @dataclass(frozen=True)
-class Found:
+class TrackingResult:
     """Outcome of a frame's search in Cs.
 
     Attributes
@@ -66,7 +66,7 @@ class Found:
     lost: Ids
 
     @classmethod
-    def nothing(cls) -> Found:
+    def nothing(cls) -> TrackingResult:
         """What a search finds in a map without features."""
         none, ids, uv = np.empty(0), np.empty(0, np.int64), np.empty((0, 2))
         return cls(ids, SearchResult(uv, none, none, ids), none, none, ids, uv, ids)
@@ -106,7 +106,7 @@ class Tracks(PersistentState):
         "_candidate_last": table(int, check_pixel),
         "_previous": optional(instance(FlowImage, image=array("|u1", None, None), factor=whole(1, 2))),
         "_previous_time": optional(number(-SECONDS, SECONDS)),
-        "_fading": flag,
+        "_low_track": flag,
     }
 
     def __init__(self, camera: Camera, settings: FrontendSettings, scarce_below: int) -> None:
@@ -119,7 +119,7 @@ class Tracks(PersistentState):
         self._candidate_last: dict[int, Array] = {}
         self._previous: FlowImage | None = None
         self._previous_time: float | None = None
-        self._fading = False
+        self._low_track = False
 
     def state(self) -> dict[str, Any]:
         """As `PersistentState.state`; of the last image, what the flow works on."""
@@ -147,7 +147,9 @@ class Tracks(PersistentState):
             return None
         return self._previous_time, self._previous
 
-    def search(self, view: View, pose: Array, expected: Prediction, expect_given: ExpectGiven) -> Found:
+    def search(
+        self, view: View, pose: Array, expected: Prediction, expect_given: ExpectGiven
+    ) -> TrackingResult:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3).
 
         A feature whose ellipse is wide, and of which the flow says nothing, is looked for last: where
@@ -171,14 +173,14 @@ class Tracks(PersistentState):
             guess,
             self._settings.search,
             whole=False,
-            scarce=self._fading or len(self._last) < self._scarce_below,
+            scarce=self._low_track or len(self._last) < self._scarce_below,
         )
         self._search_wide(image, warped.templates, expected, result, expect_given)
         seen = np.flatnonzero(warped.ok[:n])
         alive = (result.code[n:] == FOUND) & warped.ok[n:]
         if view.hidden is not None:
             alive[alive] = ~view.hidden(result.uv[n:][alive])
-        found = Found(
+        found = TrackingResult(
             searched=ids[seen],
             result=result.subset(seen),
             rho=expected.rho[seen],
@@ -190,7 +192,7 @@ class Tracks(PersistentState):
         self._last = dict(zip(found.ids.tolist(), found.uv, strict=True))
         self._candidate_last = dict(zip(found.candidates.tolist(), found.candidate_uv, strict=True))
         self._previous, self._previous_time = now, view.t
-        self._fading = len(found.lost) > len(found.candidates)
+        self._low_track = len(found.lost) > len(found.candidates)
         return found
 
     def _search_wide(

@@ -36,7 +36,7 @@ from collabslam.frontend.search import FOUND
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.state import SECONDS, PersistentState
-from collabslam.slam.tracking.tracks import Found, Tracks
+from collabslam.slam.tracking.tracks import TrackingResult, Tracks
 from collabslam.slam.view import View
 from collabslam.slam.worn.matcher import WornMatcher
 from collabslam.slam.worn.overlap import Overlap
@@ -132,7 +132,7 @@ class LateViews(PersistentState):
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_pending": items(_VIEW),
         "_frames": items(_frame),
-        "_awake": flag,
+        "_async_views_seen": flag,
         "_latenesses": items(number(-SECONDS, SECONDS)),
         "dropped": table(str, whole(0)),
         "used": items(_VIEW),
@@ -154,7 +154,7 @@ class LateViews(PersistentState):
         self._inbox: deque[WornView] = deque(maxlen=MOST_PENDING)
         self._pending: tuple[WornView, ...] = ()
         self._frames: tuple[KeptFrame, ...] = ()
-        self._awake = False
+        self._async_views_seen = False
         self._latenesses: tuple[float, ...] = ()
         self.dropped: dict[str, int] = {}
         """Views that were not used so far, by reason."""
@@ -227,7 +227,9 @@ class LateViews(PersistentState):
             return None
         return self._carried(worn, t)
 
-    def beside(self, view: View, overlap: Overlap, found: Found) -> tuple[View, Overlap, Found]:
+    def beside(
+        self, view: View, overlap: Overlap, found: TrackingResult
+    ) -> tuple[View, Overlap, TrackingResult]:
         """The frame nearest in time to a view of Cf, the view there, and what was found."""
         if overlap.given is overlap.worn or view.lost or not view.started:
             return view, overlap, found
@@ -244,7 +246,7 @@ class LateViews(PersistentState):
         return (
             earlier,
             replace(overlap, worn=worn, at=nearest.t, image=nearest.image),
-            Found(
+            TrackingResult(
                 searched=ids[known],
                 result=SearchResult(nearest.uv[known], some, some, code),
                 rho=nearest.rho[known],
@@ -255,11 +257,11 @@ class LateViews(PersistentState):
             ),
         )
 
-    def keep(self, view: View, found: Found, seen: ImagePoints, change: MapChange) -> None:
+    def keep(self, view: View, found: TrackingResult, seen: ImagePoints, change: MapChange) -> None:
         """At the end of a frame: keeps it if views come late, or may, as before the start."""
         known = len(self._latenesses) == LATENESSES
         late = max(self._latenesses) if known else self._late
-        if self._awake and self._filter.started and self._filter.keep_pose(late):
+        if self._async_views_seen and self._filter.started and self._filter.keep_pose(late):
             row = {i: k for k, i in enumerate(found.searched.tolist())}
             rows = np.array([row.get(i, -1) for i in seen.ids.tolist()], np.int64)
             born = change.born
@@ -317,7 +319,7 @@ class LateViews(PersistentState):
         for view in chosen:
             lateness = t - _time(view)
             self._latenesses = (*self._latenesses, lateness)[-LATENESSES:]
-            self._awake |= abs(lateness) > self._tolerance
+            self._async_views_seen |= abs(lateness) > self._tolerance
         return tuple(chosen)
 
     def _start_of(self, t: float, views: Views) -> tuple[KeptFrame, ...]:

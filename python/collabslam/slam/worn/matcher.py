@@ -16,7 +16,7 @@ from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.images import check_grey
 from collabslam.settings.table import Settings
 from collabslam.slam.state import SECONDS
-from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.overlap import Overlap
 from collabslam.types import Array, Ids, WornView
@@ -118,7 +118,7 @@ class WornMatcher:
         self,
         view: View,
         overlap: Overlap,
-        found: Found,
+        found: TrackingResult,
         missing: int,
         before: Sequence[Overlap] = (),
     ) -> Overlap:

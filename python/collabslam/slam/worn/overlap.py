@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from collabslam._core import Filter, Outcomes, WornMeasurement
+from collabslam._core import Filter, MeasurementOutcomes, WornMeasurement
 from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.worn_match import WornMatches
 from collabslam.slam.map_change import ImagePoints
@@ -98,13 +98,13 @@ class Overlap:
             who=self.number,
         )
 
-    def births(self, outcomes: Outcomes, t: float) -> tuple[ImagePoints, Ids]:
+    def births(self, outcomes: MeasurementOutcomes, t: float) -> tuple[ImagePoints, Ids]:
         """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""
         used = self.candidates[outcomes.born >= 0]
         born = ImagePoints.born(outcomes.born, self.uv) if self.at == t else ImagePoints()
         return born, used[used >= 0]
 
-    def earlier_births(self, outcomes: Outcomes, core: Filter, t: float) -> dict[int, Patch]:
+    def earlier_births(self, outcomes: MeasurementOutcomes, core: Filter, t: float) -> dict[int, Patch]:
         """Features born from pairs of a frame before the one at ``t``, with their patches from there."""
         if self.image is None or self.at == t:
             return {}
@@ -112,7 +112,7 @@ class Overlap:
         patches = capture(self.image, born.uv, core.kept_pose(self.at))
         return dict(zip(born.ids.tolist(), patches, strict=True))
 
-    def counts(self, outcomes: Outcomes | None) -> dict[str, Any]:
+    def counts(self, outcomes: MeasurementOutcomes | None) -> dict[str, Any]:
         """Diagnostics of the worn camera; None is what was not measured."""
         rejected = self.matches.rejected if self.matches else {}
         verdict = self.matches.verdict if self.matches else None

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from collabslam._core import Filter, Outcomes, UpdateReport, WornMeasurement
+from collabslam._core import Filter, MeasurementOutcomes, UpdateReport, WornMeasurement
 from collabslam.frontend.patch import Patch
 from collabslam.results import PlacedCamera
 from collabslam.slam.map_change import ImagePoints
@@ -53,7 +53,7 @@ class Overlaps:
         """Whose worn camera each of those is of."""
         return [o.worn.who for o in self.each if o.measured for _ in o.pixels]
 
-    def with_outcomes(self, report: UpdateReport) -> list[tuple[Overlap, Outcomes | None]]:
+    def with_outcomes(self, report: UpdateReport) -> list[tuple[Overlap, MeasurementOutcomes | None]]:
         """Each with what the filter did with its matches; None where it was not measured."""
         outcomes = iter(report.views)
         return [(overlap, next(outcomes) if overlap.measured else None) for overlap in self.each]

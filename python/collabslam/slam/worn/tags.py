@@ -8,7 +8,7 @@ import numpy as np
 
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.targets.in_map import PrintedTargets
-from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.late_views import LateViews
 from collabslam.slam.worn.matcher import WornMatcher
@@ -17,7 +17,12 @@ from collabslam.slam.worn.overlaps import Overlaps
 
 
 def overlaps(
-    late: LateViews, matcher: WornMatcher, printed: PrintedTargets, view: View, found: Found, missing: int
+    late: LateViews,
+    matcher: WornMatcher,
+    printed: PrintedTargets,
+    view: View,
+    found: TrackingResult,
+    missing: int,
 ) -> Overlaps:
     """What each worn camera sees of a frame, or of the one nearest to its view (METHOD 7.4 and 10).
 
@@ -26,7 +31,7 @@ def overlaps(
     late, matcher, printed
         Parts of the engine.
     view : View
-    found : Found
+    found : TrackingResult
         What the frame's search has found.
     missing : int
         Features that the frame lacks.
@@ -45,7 +50,7 @@ def _with_tags(overlap: Overlap, corners: ImagePoints) -> Overlap:
     count = len(corners)
     if not count:
         return overlap
-    others = ~np.isin(overlap.ids, corners.ids)  # read off is better than found by likeness
+    others = ~np.isin(overlap.ids, corners.ids)  # read off is better than found by similarity
     return replace(
         overlap,
         ids=np.concatenate([overlap.ids[others], corners.ids]),

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Any
 
 
-class Outcome(str, Enum):
+class AttackOutcome(str, Enum):
     """What became of an attack; the first four may be right, the others never are."""
 
     REFUSED = "refused"
@@ -30,11 +30,11 @@ class Outcome(str, Enum):
     CHANGED = "state changed"
 
 
-MAY_BE_RIGHT = (Outcome.REFUSED, Outcome.TOLD, Outcome.HELD, Outcome.ENDED)
-REFUSED = (Outcome.REFUSED,)
-HELD = (Outcome.HELD,)
-HONEST = (Outcome.HELD, Outcome.TOLD)
-READ_OR_REFUSED = (Outcome.HELD, Outcome.REFUSED)
+MAY_BE_RIGHT = (AttackOutcome.REFUSED, AttackOutcome.TOLD, AttackOutcome.HELD, AttackOutcome.ENDED)
+REFUSED = (AttackOutcome.REFUSED,)
+HELD = (AttackOutcome.HELD,)
+HELD_OR_TOLD = (AttackOutcome.HELD, AttackOutcome.TOLD)
+READ_OR_REFUSED = (AttackOutcome.HELD, AttackOutcome.REFUSED)
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Attack:
         The name is the group's own; ``what`` is a row of the documentation.
     make : callable
         Prepares a ``Scene``, and says what is run.
-    good : tuple of Outcome
+    good : tuple of AttackOutcome
         What may become of it.
     says : str
         What a refusal must contain.
@@ -86,7 +86,7 @@ class Attack:
     name: str
     what: str
     make: Callable[[Any], Deed]
-    good: tuple[Outcome, ...] = REFUSED
+    good: tuple[AttackOutcome, ...] = REFUSED
     says: str = ""
     beyond: bool = False
 
@@ -98,7 +98,7 @@ class Result:
     Attributes
     ----------
     attack : Attack
-    outcome : Outcome
+    outcome : AttackOutcome
     status : int
         Exit status, negative of a signal's number where that ended the process.
     seconds, memory_mb : float
@@ -110,7 +110,7 @@ class Result:
     """
 
     attack: Attack
-    outcome: Outcome
+    outcome: AttackOutcome
     status: int
     seconds: float
     memory_mb: float
@@ -126,7 +126,7 @@ class Result:
     @property
     def beyond(self) -> bool:
         """Whether it went as it must where no image tells that the recording is wrong."""
-        return self.attack.beyond and self.outcome is Outcome.WRONG
+        return self.attack.beyond and self.outcome is AttackOutcome.WRONG
 
     @property
     def succeeded(self) -> bool:

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from collabslam.datasets.ros.writer import TOPICS
-from collabslam_lab.reliability.attacks.attack import READ_OR_REFUSED, REFUSED, Attack, Deed, Outcome
+from collabslam_lab.reliability.attacks.attack import READ_OR_REFUSED, REFUSED, Attack, AttackOutcome, Deed
 from collabslam_lab.reliability.attacks.scene import Scene
 from collabslam_lab.reliability.attacks.text_files import ALIASES
 
@@ -26,7 +26,7 @@ BOMB = 2 << 30
 
 
 def _spoil(
-    name: str, what: str, change: Callable[[Path], object], good: tuple[Outcome, ...] = REFUSED
+    name: str, what: str, change: Callable[[Path], object], good: tuple[AttackOutcome, ...] = REFUSED
 ) -> Attack:
     def make(scene: Scene) -> Deed:
         bag = scene.copy("bag")
@@ -93,7 +93,7 @@ def _message(
     what: str,
     image: dict[str, Any],
     info: dict[str, Any] | None = None,
-    good: tuple[Outcome, ...] = REFUSED,
+    good: tuple[AttackOutcome, ...] = REFUSED,
 ) -> Attack:
     """A bag of one's own whose messages say what they should not."""
 
@@ -133,20 +133,20 @@ ATTACKS = (
     _spoil("cut", "its file is cut off", lambda bag: _cut(bag / "bag.mcap", 0.5)),
     _spoil("empty", "its file is empty", lambda bag: _cut(bag / "bag.mcap", 0.0)),
     _spoil("scrambled", "fifty bytes turned over", lambda bag: _scrambled(bag / "bag.mcap"),
-           (*READ_OR_REFUSED, Outcome.TOLD)),
+           (*READ_OR_REFUSED, AttackOutcome.TOLD)),
     _spoil("zstd", "2 GB of zeros in some kilobytes of zstd", _packed),
     Attack("bag", "bz2", "a ROS 1 bag with 2 GB of zeros in a chunk of bz2", _old_bag),
-    Attack("bag", "database", "a database that is no bag", _database),
+    Attack("bag", "database", "a database that is not a bag", _database),
     Attack("bag", "topics", "a role that there is not", lambda scene: scene.run(
         "--topics", "eye=/cs/image_raw", source=scene.ground.bag), REFUSED, "eye"),
     Attack("bag", "topic", "a topic that there is not", lambda scene: scene.run(
         "--topics", "cs=/nowhere", source=scene.ground.bag), REFUSED, "/nowhere"),
     _message("wide", "images of 2^31 columns", {"width": 1 << 31}),
     _message("short", "images with half of their pixels", {"data": np.zeros(300, np.uint8)}),
-    _message("step", "rows of no length", {"step": 0}, good=(*READ_OR_REFUSED, Outcome.TOLD)),
+    _message("step", "rows of no length", {"step": 0}, good=(*READ_OR_REFUSED, AttackOutcome.TOLD)),
     _message("encoding", "pixels of an unknown kind", {"encoding": "secret9"}),
     _message("no-lens", "a calibration of zeros", {}, {"k": np.zeros(9)}),
-    _message("lens-nan", "a calibration that is no number", {}, {"k": np.full(9, np.nan)}),
+    _message("lens-nan", "a calibration that is not a number", {}, {"k": np.full(9, np.nan)}),
     _message("lens-model", "a distortion that there is not", {}, {"distortion_model": "bottle"}),
     _message("lens-size", "a calibration for another size", {}, {"width": 64}),
 )  # fmt: skip

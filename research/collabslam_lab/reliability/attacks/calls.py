@@ -14,7 +14,7 @@ import numpy as np
 
 from collabslam import BusyError, Camera, InputError, Slam
 from collabslam.types import Array, Frame, Image
-from collabslam_lab.reliability.attacks.attack import HELD, READ_OR_REFUSED, REFUSED, Attack, Outcome
+from collabslam_lab.reliability.attacks.attack import HELD, READ_OR_REFUSED, REFUSED, Attack, AttackOutcome
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def _two_threads(moment: Moment) -> None:
 Do = Callable[[Moment], object]
 CAMERA = Camera("pinhole", 96, 64, (80.0, 80.0, 47.5, 31.5))
 
-CALLS: tuple[tuple[str, str, Do, tuple[Outcome, ...]], ...] = (
+CALLS: tuple[tuple[str, str, Do, tuple[AttackOutcome, ...]], ...] = (
     ("colour", "an image of three colours", lambda m: m.step(image=np.dstack([m.frame.image] * 3)), REFUSED),
     ("column", "an image H x W x 1", lambda m: m.step(image=m.frame.image[..., None]), REFUSED),
     ("deep", "an image of uint16", lambda m: m.step(image=m.frame.image.astype(np.uint16) << 8), REFUSED),
@@ -111,15 +111,15 @@ CALLS: tuple[tuple[str, str, Do, tuple[Outcome, ...]], ...] = (
      lambda m: m.step(image=np.repeat(m.frame.image, 2, axis=1)[:, ::2]), HELD),
     ("frozen", "a read-only image", lambda m: m.step(image=np.frombuffer(
         m.frame.image.tobytes(), np.uint8).reshape(m.frame.image.shape)), HELD),
-    ("nan-time", "a stamp that is no number", lambda m: m.step(t=float("nan")), REFUSED),
+    ("nan-time", "a stamp that is not a number", lambda m: m.step(t=float("nan")), REFUSED),
     ("endless-time", "an infinite stamp", lambda m: m.step(t=float("inf")), REFUSED),
     ("past", "a stamp before the last", lambda m: m.step(t=m.frame.t - 5.0), REFUSED),
     ("same", "the last stamp again", lambda m: m.step(t=m.slam.filter.time), REFUSED),
     ("nanoseconds", "a stamp in nanoseconds", lambda m: m.step(t=1.7e18), REFUSED),
     ("word-time", "a stamp that is a word", lambda m: m.step(t="now"), REFUSED),
-    ("scaled", "a T_CF that is no rotation", lambda m: m.step(t_cf=_turned(m.t_cf, 2.0)), REFUSED),
+    ("scaled", "a T_CF that is not a rotation", lambda m: m.step(t_cf=_turned(m.t_cf, 2.0)), REFUSED),
     ("mirrored", "a T_CF that mirrors", lambda m: m.step(t_cf=_turned(m.t_cf, -1.0)), REFUSED),
-    ("nowhere", "a T_CF that is no number", lambda m: m.step(t_cf=np.full((4, 4), np.nan)), REFUSED),
+    ("nowhere", "a T_CF that is not a number", lambda m: m.step(t_cf=np.full((4, 4), np.nan)), REFUSED),
     ("far", "a T_CF of 1e300 m", lambda m: m.step(t_cf=m.t_cf + 1e300), REFUSED),
     ("small", "a T_CF of 3 x 3", lambda m: m.step(t_cf=np.eye(3)), REFUSED),
     ("singular", "a covariance without full rank",
@@ -129,7 +129,7 @@ CALLS: tuple[tuple[str, str, Do, tuple[Outcome, ...]], ...] = (
      lambda m: m.step(covariance=np.triu(np.ones((6, 6)))), REFUSED),
     ("bias", "a bias larger than the covariance", lambda m: m.step(bias=np.eye(6)), REFUSED),
     ("no-depths", "no depths at all", lambda m: m.step_after(np.zeros((0, 2)), [], []), HELD),
-    ("depth-nan", "a depth that is no number",
+    ("depth-nan", "a depth that is not a number",
      lambda m: m.slam.add_depth([[50.0, 50.0]], float("nan"), 0.1), REFUSED),
     ("depth-behind", "a negative depth", lambda m: m.slam.add_depth([[50.0, 50.0]], -3.0, 0.1), REFUSED),
     ("depth-exact", "a depth that is exact", lambda m: m.slam.add_depth([[50.0, 50.0]], 3.0, 0.0), REFUSED),

@@ -11,7 +11,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from collabslam_lab.reliability.attacks.attack import HELD, READ_OR_REFUSED, REFUSED, Attack, Deed, Outcome
+from collabslam_lab.reliability.attacks.attack import (
+    HELD,
+    READ_OR_REFUSED,
+    REFUSED,
+    Attack,
+    AttackOutcome,
+    Deed,
+)
 from collabslam_lab.reliability.attacks.scene import Scene
 
 FRAME = 4
@@ -106,7 +113,7 @@ _GIF = b"GIF89a" + struct.pack("<HH", 40000, 40000) + b"\x80\0\0\0\0\0\xff\xff\x
 _PAM = b"P7\nWIDTH 9000\nHEIGHT 9000\nDEPTH 1\nMAXVAL 255\nENDHDR\n"
 _TEXTS = b"".join(_chunk(b"tEXt", b"a\0b") for _ in range(100_000))
 
-SPOILT: tuple[tuple[str, str, Spoil, tuple[Outcome, ...]], ...] = (
+SPOILT: tuple[tuple[str, str, Spoil, tuple[AttackOutcome, ...]], ...] = (
     ("empty", "an empty file", _holding(b""), REFUSED),
     ("cut", "cut off in its middle", _holding(lambda d: d[: len(d) // 2]), READ_OR_REFUSED),
     ("flipped", "a byte in its middle turned over", _holding(_flipped), READ_OR_REFUSED),
@@ -153,7 +160,7 @@ SPOILT: tuple[tuple[str, str, Spoil, tuple[Outcome, ...]], ...] = (
 )  # fmt: skip
 
 
-def _attack(name: str, what: str, spoil: Spoil, good: tuple[Outcome, ...]) -> Attack:
+def _attack(name: str, what: str, spoil: Spoil, good: tuple[AttackOutcome, ...]) -> Attack:
     def make(scene: Scene) -> Deed:
         walk = scene.copy("short")
         path = sorted((walk / "cam0" / "data").iterdir(), key=lambda p: int(p.stem))[FRAME]

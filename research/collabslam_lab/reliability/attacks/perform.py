@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from collabslam.cli import BAD_INPUT, FAULT, INTERRUPTED, NOT_TRUSTED, OK, TERMINATED
-from collabslam_lab.reliability.attacks.attack import Attack, Deed, Outcome, Result
+from collabslam_lab.reliability.attacks.attack import Attack, AttackOutcome, Deed, Result
 from collabslam_lab.reliability.attacks.scene import Ground, Scene, program
 
 SECONDS, MEGABYTES = 60.0, 1500.0
@@ -73,7 +73,7 @@ def perform(attack: Attack, ground: Ground, seconds: float = SECONDS) -> Result:
     )
 
 
-def judge(attack: Attack, ending: Ending, lost: list[str], summary: dict[str, Any]) -> Outcome:
+def judge(attack: Attack, ending: Ending, lost: list[str], summary: dict[str, Any]) -> AttackOutcome:
     """What became of an attack.
 
     Parameters
@@ -86,26 +86,26 @@ def judge(attack: Attack, ending: Ending, lost: list[str], summary: dict[str, An
         Of the run, empty if there is none.
     """
     if ending.hung:
-        return Outcome.HANG
+        return AttackOutcome.HANG
     if "Traceback (most recent call last)" in ending.said + ending.printed or ending.status == FAULT:
-        return Outcome.TRACEBACK
+        return AttackOutcome.TRACEBACK
     if lost:
-        return Outcome.LOST
+        return AttackOutcome.LOST
     if ending.memory_mb > MEGABYTES:
-        return Outcome.MEMORY
+        return AttackOutcome.MEMORY
     if ending.status == CHANGED:
-        return Outcome.CHANGED
+        return AttackOutcome.CHANGED
     if ending.status in (INTERRUPTED, TERMINATED) or -ending.status in _UNCATCHABLE:
-        return Outcome.ENDED
+        return AttackOutcome.ENDED
     if ending.status == BAD_INPUT:
         told = [line for line in ending.said.splitlines() if _ERROR.match(line)]
-        return Outcome.REFUSED if len(told) == 1 and attack.says in told[0] else Outcome.UNNAMED
+        return AttackOutcome.REFUSED if len(told) == 1 and attack.says in told[0] else AttackOutcome.UNNAMED
     if ending.status not in (OK, NOT_TRUSTED):
-        return Outcome.TRACEBACK
+        return AttackOutcome.TRACEBACK
     wrong = summary.get("false_ok_share")  # whatever the status: who has no truth sees those frames OK
     if wrong is not None and wrong > WRONG_SHARE:
-        return Outcome.WRONG
-    return Outcome.HELD if ending.status == OK else Outcome.TOLD
+        return AttackOutcome.WRONG
+    return AttackOutcome.HELD if ending.status == OK else AttackOutcome.TOLD
 
 
 def _lost(before: dict[str, str], after: dict[str, str]) -> list[str]:

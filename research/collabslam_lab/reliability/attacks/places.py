@@ -9,11 +9,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from collabslam_lab.reliability.attacks.attack import HELD, READ_OR_REFUSED, REFUSED, Attack, Deed, Outcome
+from collabslam_lab.reliability.attacks.attack import (
+    HELD,
+    READ_OR_REFUSED,
+    REFUSED,
+    Attack,
+    AttackOutcome,
+    Deed,
+)
 from collabslam_lab.reliability.attacks.scene import PRODUCT, Scene
 
-ENDED = (Outcome.ENDED,)
-FINE_OR_ENDED = (Outcome.ENDED, Outcome.HELD)
+ENDED = (AttackOutcome.ENDED,)
+FINE_OR_ENDED = (AttackOutcome.ENDED, AttackOutcome.HELD)
 TWICE = "collabslam_lab.reliability.attacks.twice"
 
 
@@ -24,7 +31,7 @@ def _file(scene: Scene, name: str = "mine.txt") -> Path:
 
 
 def _into(
-    name: str, what: str, place: Callable[[Scene], Path], good: tuple[Outcome, ...] = REFUSED
+    name: str, what: str, place: Callable[[Scene], Path], good: tuple[AttackOutcome, ...] = REFUSED
 ) -> Attack:
     def make(scene: Scene) -> Deed:
         return scene.command("run", scene.ground.short, "--out", place(scene))
@@ -33,7 +40,7 @@ def _into(
 
 
 def _map_into(
-    name: str, what: str, place: Callable[[Scene], Path], good: tuple[Outcome, ...] = REFUSED
+    name: str, what: str, place: Callable[[Scene], Path], good: tuple[AttackOutcome, ...] = REFUSED
 ) -> Attack:
     return Attack(
         "place", f"map-{name}", f"the map into {what}", lambda s: s.run("--save-map", place(s)), good
@@ -98,7 +105,7 @@ def _together(scene: Scene) -> Deed:
 
 
 def _signalled(name: str, what: str, *signals: tuple[signal.Signals, float | str],
-               good: tuple[Outcome, ...] = ENDED) -> Attack:  # fmt: skip
+               good: tuple[AttackOutcome, ...] = ENDED) -> Attack:  # fmt: skip
     def make(scene: Scene) -> Deed:
         return scene.run("--checkpoint-every", "2", source=scene.ground.walk, signals=list(signals))
 
@@ -163,5 +170,5 @@ ATTACKS = (
     _signalled("birth-term", "SIGTERM while it starts up", (TERM, 0.4), good=FINE_OR_ENDED),
     Attack("signal", "record", "SIGTERM while a recording is written", _record_signalled, FINE_OR_ENDED),
     Attack("signal", "check", "Ctrl-C while a calibration is checked", _check_signalled,
-           (*FINE_OR_ENDED, Outcome.TOLD)),
+           (*FINE_OR_ENDED, AttackOutcome.TOLD)),
 )  # fmt: skip

@@ -15,7 +15,7 @@ from collabslam.runs import checkpoint
 from collabslam.runs.results import CHECKPOINT
 from collabslam.slam.map import saved_map
 from collabslam.slam.saving import CLASSES
-from collabslam_lab.reliability.attacks.attack import READ_OR_REFUSED, REFUSED, Attack, Deed, Outcome
+from collabslam_lab.reliability.attacks.attack import READ_OR_REFUSED, REFUSED, Attack, AttackOutcome, Deed
 from collabslam_lab.reliability.attacks.scene import Scene
 
 VICTIM = "victim.txt"
@@ -105,7 +105,7 @@ HARMLESS = ("pixels",)
 """What a run can go on with."""
 
 MAPS: tuple[tuple[str, str, Alter], ...] = (
-    ("nan", "landmarks that are no numbers", _put("landmarks", value=_nan)),
+    ("nan", "landmarks that are not numbers", _put("landmarks", value=_nan)),
     ("far", "landmarks at 1e300 m", _put("landmarks", value=lambda a: a + 1e300)),
     ("none", "no landmark at all", _put("landmarks", value=lambda a: a[:0])),
     ("columns", "landmarks of five numbers", _put("landmarks", value=lambda a: a[:, :5].copy())),
@@ -155,7 +155,9 @@ def _altered(row: tuple[str, str, Alter]) -> Attack:
     return Attack("checkpoint", row[0], what, lambda scene: _resume(scene, change), good)
 
 
-def _beside(name: str, what: str, change: Callable[[Path], object], good: tuple[Outcome, ...]) -> Attack:
+def _beside(
+    name: str, what: str, change: Callable[[Path], object], good: tuple[AttackOutcome, ...]
+) -> Attack:
     def make(scene: Scene) -> Deed:
         out = scene.copy("stopped")
         change(out)

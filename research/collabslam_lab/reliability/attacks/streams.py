@@ -14,13 +14,13 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.geometry import se3_exp
 from collabslam.types import Array, Frame, Image, Indices, Recording, WornView
-from collabslam_lab.reliability.attacks.attack import HONEST, READ_OR_REFUSED, Attack
+from collabslam_lab.reliability.attacks.attack import HELD_OR_TOLD, READ_OR_REFUSED, Attack
 from collabslam_lab.reliability.attacks.processed import stabilised, zoom
 from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, Rng
 
 Make = Callable[[Recording, Rng], Recording]
 Show = Callable[[Image, Rng, int], Image]
-ANY = (*HONEST, *READ_OR_REFUSED)
+ANY = (*HELD_OR_TOLD, *READ_OR_REFUSED)
 
 
 def _shown(cs: Show | None, cf: Show | None = None) -> Make:

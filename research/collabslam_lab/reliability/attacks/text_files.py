@@ -8,17 +8,17 @@ from pathlib import Path
 
 from collabslam_lab.reliability.attacks.attack import (
     HELD,
-    HONEST,
+    HELD_OR_TOLD,
     READ_OR_REFUSED,
     REFUSED,
     Attack,
+    AttackOutcome,
     Deed,
-    Outcome,
 )
 from collabslam_lab.reliability.attacks.scene import Scene
 
 Change = Callable[[str], str]
-Row = tuple[str, str, Change | bytes, tuple[Outcome, ...]]
+Row = tuple[str, str, Change | bytes, tuple[AttackOutcome, ...]]
 
 ALIASES = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"{b}: &{b} [{','.join(['*' + a] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
@@ -100,7 +100,7 @@ YAML: tuple[Row, ...] = (
     ("list", "a list in place of keys", b"- 1\n- 2\n", REFUSED),
 )
 CALIBRATION: tuple[Row, ...] = (
-    ("nan", "a focal length that is no number", _key("intrinsics", "[.nan, 620, 359, 239]"), REFUSED),
+    ("nan", "a focal length that is not a number", _key("intrinsics", "[.nan, 620, 359, 239]"), REFUSED),
     ("infinite", "an infinite focal length", _key("intrinsics", "[.inf, 620, 359, 239]"), REFUSED),
     ("zero", "focal length 0", _key("intrinsics", "[0, 620, 359, 239]"), REFUSED),
     ("negative", "a negative focal length", _key("intrinsics", "[-620, 620, 359, 239]"), REFUSED),
@@ -113,7 +113,7 @@ CALIBRATION: tuple[Row, ...] = (
         "folded",
         "a distortion that folds the image",
         _key("distortion_coefficients", "[-5, 0, 0, 0]"),
-        (*REFUSED, *HONEST),
+        (*REFUSED, *HELD_OR_TOLD),
     ),
     ("wide", "10^9 columns", _key("resolution", "[1000000000, 480]"), REFUSED),
     ("swapped", "width and height swapped", _key("resolution", "[480, 720]"), REFUSED),
@@ -126,7 +126,7 @@ IMAGES: tuple[Row, ...] = (
     ("endless-name", "a name of 5000 letters", _field(1, "a" * 5000 + ".png"), REFUSED),
     ("negative", "a negative stamp", _field(0, "-5"), REFUSED),
     ("digits", "a stamp of 5000 digits", _field(0, "9" * 5000), REFUSED),
-    ("no-number", "a stamp that is no number", _field(0, "nan"), REFUSED),
+    ("no-number", "a stamp that is not a number", _field(0, "nan"), REFUSED),
     ("repeated", "a stamp that comes twice", lambda t: _line(4, lambda row: t.splitlines()[3].split(",")[0]
      + "," + row.split(",")[1])(t), HELD),
     ("ahead", "a last stamp 1000 s ahead", lambda t: _field(0, "1000000000000", -1)(t), HELD),
@@ -138,26 +138,26 @@ IMAGES: tuple[Row, ...] = (
     ("lines", "lines that end as in Windows", lambda t: t.replace("\n", "\r\n"), HELD),
 )  # fmt: skip
 RELATIVE: tuple[Row, ...] = (
-    ("nan", "a T_CF that is no number", _field(1, "nan"), REFUSED),
+    ("nan", "a T_CF that is not a number", _field(1, "nan"), REFUSED),
     ("far", "a T_CF of 1e300 m", _field(1, "1e300"), REFUSED),
     ("no-turn", "a quaternion of zeros", _no_turn, REFUSED),
     ("long-turn", "a quaternion of length 2", _field(4, "2"), REFUSED),
     ("negative", "a negative variance", _field(8, "-1"), REFUSED),
     ("enormous", "a variance of 1e300", _field(8, "1e300"), REFUSED),
-    ("exact", "a variance of 0", _field(8, "0"), (*REFUSED, *HONEST)),
+    ("exact", "a variance of 0", _field(8, "0"), (*REFUSED, *HELD_OR_TOLD)),
     ("columns", "a column missing", _line(3, lambda row: row.rsplit(",", 1)[0]), REFUSED),
 )  # fmt: skip
 TRUTH: tuple[Row, ...] = (
-    ("nan", "a true pose that is no number", _field(1, "nan"), READ_OR_REFUSED),
+    ("nan", "a true pose that is not a number", _field(1, "nan"), READ_OR_REFUSED),
     ("far", "a true pose at 1e300 m", _field(1, "1e300"), REFUSED),
     ("no-turn", "a quaternion of zeros", _no_turn, REFUSED),
     ("elsewhere", "true poses of other stamps", lambda t: "\n".join(
         line if line[0] == "#" else f"9{line}" for line in t.splitlines()), READ_OR_REFUSED),
 )  # fmt: skip
-SETTINGS: tuple[tuple[str, str, str, tuple[Outcome, ...]], ...] = (
+SETTINGS: tuple[tuple[str, str, str, tuple[AttackOutcome, ...]], ...] = (
     ("unknown", "an unknown name", "filter: {pixel: {sigma_sc: 1.0}}\n", REFUSED),
     ("kind", "a word for a number", "filter: {map: {in_view: many}}\n", REFUSED),
-    ("nan", "a setting that is no number", "filter: {pixel: {sigma_cs: .nan}}\n", REFUSED),
+    ("nan", "a setting that is not a number", "filter: {pixel: {sigma_cs: .nan}}\n", REFUSED),
     ("infinite", "an infinite setting", "filter: {pixel: {sigma_cs: .inf}}\n", REFUSED),
     ("negative", "a negative deviation", "filter: {pixel: {sigma_cs: -1.0}}\n", REFUSED),
     ("enormous", "10^18 features in view", "filter: {map: {in_view: 1000000000000000000}}\n", REFUSED),
@@ -221,7 +221,7 @@ def _placed(place: tuple[str, str, Callable[[Path], object]]) -> Attack:
     return Attack("calibration", name, f"calibration of Cs: {what}", make)
 
 
-def _settings(row: tuple[str, str, str, tuple[Outcome, ...]]) -> Attack:
+def _settings(row: tuple[str, str, str, tuple[AttackOutcome, ...]]) -> Attack:
     name, what, text, good = row
 
     def make(scene: Scene) -> Deed:

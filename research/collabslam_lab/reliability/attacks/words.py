@@ -22,7 +22,7 @@ RUN: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("period", "a period of 0 s", ("--worn", "lag:0.2", "--worn-period", "0")),
     ("intervals", "an interval that ends before it begins", ("--worn", "lag:0.2", "--worn-intervals", "5-2")),
     ("noise", "two numbers of noise for four", ("--worn", "lag:0.2", "--worn-noise", "1,2")),
-    ("noise-nan", "noise that is no number", ("--worn", "lag:0.2", "--worn-noise", "nan,1,1,1")),
+    ("noise-nan", "noise that is not a number", ("--worn", "lag:0.2", "--worn-noise", "nan,1,1,1")),
     ("noise-minus", "negative noise", ("--worn", "lag:0.2", "--worn-noise", "-1,1,1,1")),
     ("seed", "seed -1", ("--worn", "lag:0.2", "--seed", "-1")),
     ("checkpoint", "a checkpoint every 0 frames", ("--checkpoint-every", "0")),

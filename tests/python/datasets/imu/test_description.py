@@ -71,7 +71,7 @@ def test_a_camchain_tells_mount_and_clock(tmp_path: Path) -> None:
     found = read_imu_file(written(tmp_path / "inverse.yaml", inverse))
     assert found.r_ci is not None
     np.testing.assert_allclose(found.r_ci, R_CI, atol=1e-12)
-    # A camchain of cameras alone tells nothing, and is no description of a sensor.
+    # A camchain of cameras alone tells nothing, and is not a description of a sensor.
     file = written(tmp_path / "camchain.yaml", {"cam0": LENS})
     assert of_camera_file(file).r_ci is None
     with pytest.raises(DataError, match="does not say how the sensor sits"):
@@ -149,8 +149,8 @@ def test_the_axes_of_a_phone() -> None:
         ({"gyroscope_noise_density": float("nan")}, "not finite"),
         ({"gyro_bias_sd": -1.0}, "gyro_bias_sd.*positive"),
         ({"T_cam_imu": [0.0] * 15}, "has 15 numbers; 16"),
-        ({"T_cam_imu": (2.0 * np.eye(4)).ravel().tolist()}, "no rotation"),
-        ({"T_cam_imu": np.diag([1.0, 1.0, -1.0, 1.0]).ravel().tolist()}, "no rotation"),
+        ({"T_cam_imu": (2.0 * np.eye(4)).ravel().tolist()}, "not a rotation"),
+        ({"T_cam_imu": np.diag([1.0, 1.0, -1.0, 1.0]).ravel().tolist()}, "not a rotation"),
         ({"axes": "sideways"}, "no such axes as 'sideways'"),
         ({"axes": "ros", "T_cam_imu": np.eye(4).ravel().tolist()}, "both T_cam_imu and axes"),
         ({"axes": "ros", "timeshift_cam_imu": 1.7e9}, "timeshift_cam_imu.*more than 10"),

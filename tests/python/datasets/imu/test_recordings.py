@@ -178,7 +178,7 @@ def test_a_file_beside_any_recording(tmp_path: Path, imu: str | None) -> None:
     recording, text = told(root, GyroGiven(str(file), imu))
     np.testing.assert_array_equal(log_of(recording).sensor.r_ci, np.eye(3) if imu is None else MOUNTS[imu])
     assert ("those of Cs (--imu tells others)" in text) == (imu is None)
-    with pytest.raises(DataError, match="no bag with such a topic; give a CSV"):
+    with pytest.raises(DataError, match="not a bag with such a topic; give a CSV"):
         open_recording(root, sensors=(GyroGiven("/imu"),))
     with pytest.raises(DataError, match="no gyroscope that --imu could tell of"):
         open_recording(root, sensors=(GyroGiven(imu="ros"),))
@@ -265,7 +265,7 @@ def test_a_covariance_of_minus_one_says_that_there_is_none(tmp_path: Path) -> No
     recording, text = told(bag)
     assert recording.imu is None
     assert "there is no angular velocity" in text
-    with pytest.raises(DataError, match="is no gyroscope"):
+    with pytest.raises(DataError, match="is not a gyroscope"):
         told(bag, GyroGiven("/imu"))
 
 

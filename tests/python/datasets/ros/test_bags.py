@@ -214,7 +214,7 @@ def test_scans_and_inertial_samples_are_arrays(tmp_path: Path, kind: str) -> Non
     np.testing.assert_allclose(scans.angles, [-0.1, 0.0, 0.1], atol=1e-6)
     np.testing.assert_allclose(scans.ranges[:, 1], [2.0, 3.0, 4.0])
     assert np.isnan(scans.ranges[:, 0]).all()
-    assert (scans.ranges[:, 2] == np.inf).all()  # nothing up to the limit, which is no silence
+    assert (scans.ranges[:, 2] == np.inf).all()  # nothing up to the limit, which is not silence
     assert scans.range_max == 20.0
     assert scans.frame == "laser"
     np.testing.assert_allclose(imu.angular_velocity[1], [0.1, 0.2, 0.3])

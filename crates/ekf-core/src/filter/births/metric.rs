@@ -4,13 +4,13 @@ use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{
-    DepthObservation, Measurements, Outcome, UpdateReport, WornObservation,
+    DepthObservation, MeasurementOutcome, Measurements, UpdateReport, WornObservation,
 };
 use crate::guard;
 use crate::guard::{check_pose, is_covariance};
 use crate::math::pose::Pose;
 use crate::observe::point::CameraPose;
-use crate::state::{Block, BlockKind, Whose};
+use crate::state::{Block, BlockKind, ErrorOwner};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 /// Standard deviation, as a share of rho, with which the tight form starts a matched feature before its pixel in Cf is
@@ -63,10 +63,10 @@ impl Filter {
                 }
                 Some(new)
             });
-            report.views[0][i] = Outcome::NotVisible;
+            report.views[0][i] = MeasurementOutcome::NotVisible;
             if let Some(Block { id, .. }) = new.and_then(|new| self.append_feature(&new)) {
                 newborn.push((i, id));
-                report.views[0][i] = Outcome::Born(id);
+                report.views[0][i] = MeasurementOutcome::Born(id);
             }
         }
         if frame > 0 {
@@ -93,14 +93,14 @@ impl Filter {
         let largest = self.setup.settings.birth.max_rho_ratio;
         let mut gone = Vec::new();
         for &(i, id) in newborn {
-            if report.views[0][i] != Outcome::Born(id) {
+            if report.views[0][i] != MeasurementOutcome::Born(id) {
                 gone.push(id);
             } else if let Ok(block) = self.memory.feature_block(id) {
                 let rho = self.memory.state.feature(&block).scale();
                 let variance = self.memory.state.p.get(block.offset + 5, block.offset + 5);
                 if rho <= 0.0 || variance.max(0.0).sqrt() > largest * rho {
                     gone.push(id);
-                    report.views[0][i] = Outcome::TooUncertain;
+                    report.views[0][i] = MeasurementOutcome::TooUncertain;
                 }
             }
         }
@@ -119,12 +119,12 @@ impl Filter {
                 continue;
             }
             let Some((view, unrolled)) = self.intersect_unrolled(worn, pair) else {
-                report.views[0][i] = Outcome::NotVisible;
+                report.views[0][i] = MeasurementOutcome::NotVisible;
                 continue;
             };
             let variance = self.rho_variance(worn, &view, &pair.uv_f);
             if variance.sqrt() > self.setup.settings.birth.max_rho_ratio * view.rho {
-                report.views[0][i] = Outcome::TooUncertain;
+                report.views[0][i] = MeasurementOutcome::TooUncertain;
                 continue;
             }
             let warp = self.setup.camera.warp_jacobian(&unrolled.uv);
@@ -142,7 +142,9 @@ impl Filter {
                 }
             }
             let born = self.append_feature(&new);
-            report.views[0][i] = born.map_or(Outcome::NotVisible, |block| Outcome::Born(block.id));
+            report.views[0][i] = born.map_or(MeasurementOutcome::NotVisible, |block| {
+                MeasurementOutcome::Born(block.id)
+            });
         }
     }
 
@@ -155,8 +157,9 @@ impl Filter {
             if let Some((point, noise)) = self.point_at_depth(depth) {
                 let new = NewFeature::from_point(&pose, &point, &noise, None);
                 let born = self.append_feature(&new);
-                report.depths[i] =
-                    born.map_or(Outcome::NotVisible, |block| Outcome::Born(block.id));
+                report.depths[i] = born.map_or(MeasurementOutcome::NotVisible, |block| {
+                    MeasurementOutcome::Born(block.id)
+                });
             }
         }
     }
@@ -268,7 +271,7 @@ impl Filter {
         self.changes();
         let mark = self.memory.state.mark();
         let error = self.memory.state.append(
-            BlockKind::WornError(Whose::Common),
+            BlockKind::WornError(ErrorOwner::Common),
             &Vector6::zeros(),
             &[],
             covariance,

@@ -193,7 +193,7 @@ impl Filter {
             sigma,
             gate,
         ) {
-            Some(Held::ByTheCamera) if has_baseline => return CandidateOutcome::Fixed,
+            Some(Held::RigFixed) if has_baseline => return CandidateOutcome::Fixed,
             Some(_) => return CandidateOutcome::Held,
             None if !has_baseline => return CandidateOutcome::Waiting,
             None => {}
@@ -221,7 +221,7 @@ impl Filter {
         let sd = by_poses.hypot(rolled.angle - leaving.angle);
         let allowed = pixels + pixels.max(4.0 * sd);
         if leaving.angle > allowed {
-            return CandidateOutcome::Strayed(leaving.angle / allowed);
+            return CandidateOutcome::OffArc(leaving.angle / allowed);
         }
         let Some(view) = intersect(&uv, &first_uv) else {
             return CandidateOutcome::Waiting;

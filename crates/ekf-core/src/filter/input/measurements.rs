@@ -95,7 +95,7 @@ impl Measurements {
 
 /// What became of one measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum MeasurementOutcome {
     /// Accepted as two pixel rows.
     Pixel,
     /// Accepted as three metric rows.
@@ -121,7 +121,7 @@ pub enum Outcome {
     Refused,
 }
 
-impl Outcome {
+impl MeasurementOutcome {
     /// Whether the match measured its feature, in its own form or in the better one that replaced it.
     pub fn is_accepted(&self) -> bool {
         matches!(self, Self::Pixel | Self::Depth | Self::Replaced)
@@ -143,11 +143,11 @@ pub struct WornPose {
 #[derive(Clone, Debug, Default)]
 pub struct UpdateReport {
     /// One per bearing.
-    pub bearings: Vec<Outcome>,
+    pub bearings: Vec<MeasurementOutcome>,
     /// One list per view, one outcome per pair.
-    pub views: Vec<Vec<Outcome>>,
+    pub views: Vec<Vec<MeasurementOutcome>>,
     /// One per depth.
-    pub depths: Vec<Outcome>,
+    pub depths: Vec<MeasurementOutcome>,
     /// Normalised innovation squared of what was accepted.
     pub nis: f64,
     /// Its degrees of freedom.
@@ -175,7 +175,7 @@ impl UpdateReport {
         report.start(z);
         let lists = [&mut report.bearings, &mut report.depths].into_iter();
         for list in lists.chain(&mut report.views) {
-            list.fill(Outcome::Refused);
+            list.fill(MeasurementOutcome::Refused);
         }
         report.refused = Some(error);
         report.accepted = false;
@@ -185,12 +185,16 @@ impl UpdateReport {
     /// Resets the report for these measurements; the lists keep their capacity.
     pub(crate) fn start(&mut self, z: &Measurements) {
         let [mut bearings, mut depths] = [&mut self.bearings, &mut self.depths].map(std::mem::take);
-        refill(&mut bearings, Outcome::NotVisible, z.bearings.len());
-        refill(&mut depths, Outcome::NotVisible, z.depths.len());
+        refill(
+            &mut bearings,
+            MeasurementOutcome::NotVisible,
+            z.bearings.len(),
+        );
+        refill(&mut depths, MeasurementOutcome::NotVisible, z.depths.len());
         let mut views = std::mem::take(&mut self.views);
         views.resize_with(z.views.len(), Vec::new);
         for (list, view) in views.iter_mut().zip(&z.views) {
-            refill(list, Outcome::Unused, view.pairs.len());
+            refill(list, MeasurementOutcome::Unused, view.pairs.len());
         }
         let mut worn_poses = std::mem::take(&mut self.worn_poses);
         worn_poses.clear();
@@ -206,13 +210,13 @@ impl UpdateReport {
     }
 
     /// Outcomes of the first view's pairs.
-    pub(crate) fn pairs(&self) -> &[Outcome] {
+    pub(crate) fn pairs(&self) -> &[MeasurementOutcome] {
         self.views.first().map_or(&[], Vec::as_slice)
     }
 
     /// The mask of accepted bearings, in their order: which features were measured in Cs.
     pub fn inliers(&self) -> impl ExactSizeIterator<Item = bool> {
-        self.bearings.iter().map(Outcome::is_accepted)
+        self.bearings.iter().map(MeasurementOutcome::is_accepted)
     }
 
     /// How many of [`Self::inliers`] are.
@@ -223,8 +227,8 @@ impl UpdateReport {
     /// Reports a frame of which nothing was used.
     pub(crate) fn reject_all(&mut self, z: &Measurements) {
         self.start(z);
-        self.bearings.fill(Outcome::RejectedBatch);
-        self.depths.fill(Outcome::Unused);
+        self.bearings.fill(MeasurementOutcome::RejectedBatch);
+        self.depths.fill(MeasurementOutcome::Unused);
         self.accepted = false;
     }
 }

@@ -1,6 +1,6 @@
 //! The match behind each measurement block of a frame, and the lists that an update works with.
 
-use super::measurements::{Outcome, UpdateReport};
+use super::measurements::{MeasurementOutcome, UpdateReport};
 use crate::state::Learned;
 
 /// Where in [`Measurements`] a block of the batch comes from, and which form it takes.
@@ -26,7 +26,7 @@ impl Source {
         }
     }
 
-    pub(crate) fn outcome(self, report: &mut UpdateReport) -> &mut Outcome {
+    pub(crate) fn outcome(self, report: &mut UpdateReport) -> &mut MeasurementOutcome {
         match self {
             Self::Bearing(i) => &mut report.bearings[i],
             Self::Point(i) | Self::WornPixel(i, _) => &mut report.views[0][i],
@@ -56,7 +56,7 @@ pub(crate) struct Scratch {
     /// Blocks that a test rejected.
     pub(crate) gone: Vec<usize>,
     pub(crate) ids: Vec<u64>,
-    /// What the update may learn of the view's lasting error.
+    /// What the update may learn of the view's time-correlated error.
     pub(crate) learned: Learned,
 }
 
@@ -70,7 +70,11 @@ impl Clone for Scratch {
 impl Scratch {
     /// Writes the outcome of the rejected blocks into the report; true if a 3D block among them may fall back to its
     /// bearing.
-    pub(crate) fn record(&mut self, outcome: Outcome, report: &mut UpdateReport) -> bool {
+    pub(crate) fn record(
+        &mut self,
+        outcome: MeasurementOutcome,
+        report: &mut UpdateReport,
+    ) -> bool {
         let mut any = false;
         for &u in &self.gone {
             *self.sources[u].outcome(report) = outcome;

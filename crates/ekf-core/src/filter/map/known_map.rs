@@ -6,8 +6,8 @@
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::record::FeatureRecord;
+use crate::map_frame::MapFrame;
 use crate::observe::{FEATURE_DIM as DIM, FeatureState};
-use crate::placed::Placed;
 use crate::state::{BlockKind, CAMERA_DIM, Covariance, State};
 use nalgebra::{DMatrix, Matrix6, Vector6};
 use std::collections::HashMap;
@@ -44,7 +44,7 @@ impl Filter {
             covariance: DMatrix::from_fn(rows.len(), rows.len(), |i, j| {
                 state.p.get(rows[i], rows[j])
             }),
-            place: self.memory.placed.0,
+            place: self.memory.map_frame.0,
         };
         (blocks.iter().map(|b| b.id).collect(), map)
     }
@@ -105,8 +105,8 @@ impl Filter {
         }
         self.memory.records = ids.iter().map(|&id| (id, record.clone())).collect();
         self.memory.state = state;
-        self.memory.placed = Placed(map.place);
-        self.memory.handover.known = self.memory.state.layout.next_id();
+        self.memory.map_frame = MapFrame(map.place);
+        self.memory.map_transfer.known = self.memory.state.layout.next_id();
         self.start();
         Ok(ids)
     }

@@ -28,12 +28,12 @@ impl Filter {
             let j = feature.point_jacobian();
             let (_, own) = state.feature_covariance(block);
             let covariance = j * own * j.transpose();
-            let placed = self.memory.placed.of_point(&point);
+            let map_frame = self.memory.map_frame.of_point(&point);
             let rho_ratio = own[(5, 5)].max(0.0).sqrt() / feature.scale();
             Some(Landmark {
                 id: block.id,
                 point,
-                covariance: plus_transpose(covariance + placed) * 0.5,
+                covariance: plus_transpose(covariance + map_frame) * 0.5,
                 rho_ratio,
             })
         };

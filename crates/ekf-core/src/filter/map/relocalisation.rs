@@ -179,7 +179,7 @@ impl Filter {
         };
         report.jumped = excludes(apart);
         if excludes(apart - both - both.transpose()) && predicted {
-            self.memory.placed = self.memory.placed.or_there(found, &away);
+            self.memory.map_frame = self.memory.map_frame.or_there(found, &away);
         }
     }
 

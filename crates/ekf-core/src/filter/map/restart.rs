@@ -6,8 +6,8 @@ use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{Bearing, Measurements, UpdateReport, WornObservation};
 use crate::filter::input::sources::Scratch;
 use crate::guard::check_rigid;
+use crate::map_frame::MapFrame;
 use crate::math::pose::Pose;
-use crate::placed::Placed;
 use crate::state::BlockKind;
 use nalgebra::{Matrix6, Vector2, Vector3};
 
@@ -61,8 +61,8 @@ impl Filter {
     fn leave_map(&mut self, gone: &Vector3<f64>) {
         self.make_whole();
         let pose = self.memory.state.camera_pose();
-        self.memory.placed = Placed::by_pose(&pose, &self.pose_covariance()).or_gone(gone);
-        self.memory.handover = Default::default();
+        self.memory.map_frame = MapFrame::by_pose(&pose, &self.pose_covariance()).or_gone(gone);
+        self.memory.map_transfer = Default::default();
         self.memory.state.remove(|b| {
             !matches!(
                 b.kind,
@@ -108,7 +108,7 @@ impl Filter {
             self.setup.worn_cameras.iter().cloned(),
         );
         trial.memory.time = self.memory.time;
-        trial.memory.misfit = self.memory.misfit;
+        trial.memory.nis = self.memory.nis;
         trial.set_worn_clocks(self);
         trial.memory.odometry = self.memory.odometry.clone();
         trial.take_gyro_of(self);

@@ -1,7 +1,7 @@
 //! Submaps: what the filter knows about a stretch of the way by itself, taken out of it (METHOD 25).
 //!
-//! The pose at which a submap begins stays in the state as a clone, and beside it what the submap before handed on: by how
-//! much the scale and the lasting error of each T_CF were estimated wrongly there. At the end, the way from the one pose to the other is
+//! The pose at which a submap begins stays in the state as a clone, and beside it what the submap before transferred: by how
+//! much the scale and the time-correlated error of each T_CF were estimated wrongly there. At the end, the way from the one pose to the other is
 //! read off with its covariance, the landmarks in view are taken down as they stand to the camera, and the next submap begins.
 //! No estimate changes.
 
@@ -12,7 +12,7 @@ use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
 use crate::observe::{FEATURE_DIM, POSE_DIM};
 use crate::scale::by_state;
-use crate::state::{Block, BlockKind, LinearPart, State, handed_on_dim};
+use crate::state::{Block, BlockKind, LinearPart, State, transferred_dim};
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector3};
 
 /// Largest relative error of a landmark's range with which it is taken down.
@@ -27,18 +27,18 @@ pub struct Submap {
     pub pose: Pose,
     /// Its covariance, right tangent.
     pub pose_covariance: Matrix6<f64>,
-    /// Covariance of what it hands on, see [`handed_on_dim`].
-    pub handed_on: DMatrix<f64>,
+    /// Covariance of what it transfers, see [`transferred_dim`].
+    pub transferred: DMatrix<f64>,
     /// Landmarks in view.
     pub ids: Vec<u64>,
     /// Their points from the camera, metres.
     pub points: Vec<Vector3<f64>>,
     /// Their joint covariance as they stand to the camera, `3n x 3n`, m^2.
     pub covariance: DMatrix<f64>,
-    /// Covariance of the points with what is handed on, `3n` rows.
-    pub with_handed_on: DMatrix<f64>,
-    /// Standard deviation of a slip while all that is in view is exchanged once (METHOD 20), radians.
-    pub slip: f64,
+    /// Covariance of the points with what is transferred, `3n` rows.
+    pub with_transferred: DMatrix<f64>,
+    /// Standard deviation of map drift while all that is in view is exchanged once (METHOD 20), radians.
+    pub map_drift: f64,
 }
 
 impl Filter {
@@ -56,31 +56,31 @@ impl Filter {
         let then = self.begun();
         let now = self.begin_submap();
         let (rotation, translation) = self.pose();
-        let handed_on: Vec<usize> = now.range().skip(POSE_DIM).collect();
+        let transferred: Vec<usize> = now.range().skip(POSE_DIM).collect();
         let told = self.memory.state.told();
         let mut submap = Submap {
-            edge: then.map(|then| edge(&self.memory.state, &then, &handed_on)),
+            edge: then.map(|then| edge(&self.memory.state, &then, &transferred)),
             pose: Pose {
                 rotation,
                 translation,
             },
             pose_covariance: self.pose_covariance(),
-            handed_on: dense(&handed_on, &handed_on, |i, j| told.get(i, j)),
+            transferred: dense(&transferred, &transferred, |i, j| told.get(i, j)),
             ids: Vec::new(),
             points: Vec::new(),
             covariance: DMatrix::zeros(0, 0),
-            with_handed_on: DMatrix::zeros(0, 0),
-            slip: self.shared_error(&self.memory.misfit),
+            with_transferred: DMatrix::zeros(0, 0),
+            map_drift: self.shared_error(&self.memory.nis),
         };
-        take_down(&self.memory.state, seen, &handed_on, &mut submap);
+        take_down(&self.memory.state, seen, &transferred, &mut submap);
         if let Some(then) = then {
             self.memory.state.remove(|b| b.id == then.id);
         }
         Ok(submap)
     }
 
-    /// The way since the last submap ended, with the covariance of the pose and of what that submap handed on; the present one
-    /// hands on nothing yet. `None` where none has ended in this map.
+    /// The way since the last submap ended, with the covariance of the pose and of what that submap transferred; the present one
+    /// transfers nothing yet. `None` where none has ended in this map.
     pub fn since_submap(&self) -> Option<Edge> {
         self.begun()
             .map(|then| edge(&self.memory.state, &then, &[]))
@@ -94,7 +94,7 @@ impl Filter {
     /// Appends the present pose, and the present errors of the scale and of each T_CF, O(n).
     fn begin_submap(&mut self) -> Block {
         let state = &self.memory.state;
-        let kind = BlockKind::Submap(handed_on_dim(self.setup.worn_cameras.len()));
+        let kind = BlockKind::Submap(transferred_dim(self.setup.worn_cameras.len()));
         let dim = kind.dim();
         let mut by_pose = vec![0.0; dim * POSE_DIM];
         for k in 0..POSE_DIM {
@@ -112,8 +112,8 @@ impl Filter {
             }
         }
         for who in 0..self.setup.worn_cameras.len() {
-            let to = POSE_DIM + handed_on_dim(who);
-            for (offset, by) in state.lasting_error(who) {
+            let to = POSE_DIM + transferred_dim(who);
+            for (offset, by) in state.time_correlated_error(who) {
                 let mut matrix = vec![0.0; dim * 6];
                 for (column, by) in matrix.chunks_exact_mut(dim).zip(by.column_iter()) {
                     column[to..to + 6].copy_from_slice(by.as_slice());
@@ -150,8 +150,8 @@ fn dense(rows: &[usize], columns: &[usize], entry: impl Fn(usize, usize) -> f64)
     DMatrix::from_fn(rows.len(), columns.len(), |i, j| entry(rows[i], columns[j]))
 }
 
-/// The way from where a submap began to the camera; `handed_on` is where the numbers are that the present one hands on.
-fn edge(state: &State, then: &Block, handed_on: &[usize]) -> Edge {
+/// The way from where a submap began to the camera; `transferred` is where the numbers are that the present one transfers.
+fn edge(state: &State, then: &Block, transferred: &[usize]) -> Edge {
     let (from, to) = (state.pose_at(then.offset), state.camera_pose());
     let [first, second] = [&from, &to].map(|at| Pose::from_quat(at.r, &at.q));
     let pose = first.inverse().compose(&second);
@@ -177,7 +177,7 @@ fn edge(state: &State, then: &Block, handed_on: &[usize]) -> Edge {
     let was_handed = then.range().skip(POSE_DIM);
     let handed: Vec<usize> = was_handed
         .clone()
-        .chain(handed_on.iter().copied())
+        .chain(transferred.iter().copied())
         .collect();
     let n = 6 + handed.len();
     let mut covariance = DMatrix::zeros(n, n);
@@ -202,7 +202,7 @@ fn edge(state: &State, then: &Block, handed_on: &[usize]) -> Edge {
 }
 
 /// A landmark's point from the camera, and its derivatives by the camera's pose and by the feature.
-struct Seen {
+struct VisibleLandmark {
     id: u64,
     offset: usize,
     point: Vector3<f64>,
@@ -210,7 +210,7 @@ struct Seen {
     by_feature: SMatrix<f64, 3, FEATURE_DIM>,
 }
 
-impl Seen {
+impl VisibleLandmark {
     /// `None` of a feature whose range is hardly known.
     fn of(state: &State, block: &Block) -> Option<Self> {
         let (camera, feature) = (state.camera_pose(), state.feature(block));
@@ -246,15 +246,17 @@ impl Seen {
     }
 }
 
-/// Takes down the landmarks among `seen`, and their covariance with the numbers at `handed_on`.
-fn take_down(state: &State, seen: &[u64], handed_on: &[usize], submap: &mut Submap) {
+/// Takes down the landmarks among `seen`, and their covariance with the numbers at `transferred`.
+fn take_down(state: &State, seen: &[u64], transferred: &[usize], submap: &mut Submap) {
     let blocks = seen.iter().filter_map(|&id| state.layout.find(id));
-    let landmarks: Vec<Seen> = blocks.filter_map(|b| Seen::of(state, b)).collect();
+    let landmarks: Vec<VisibleLandmark> = blocks
+        .filter_map(|b| VisibleLandmark::of(state, b))
+        .collect();
     let n = landmarks.len();
     submap.ids = landmarks.iter().map(|l| l.id).collect();
     submap.points = landmarks.iter().map(|l| l.point).collect();
     submap.covariance = DMatrix::zeros(3 * n, 3 * n);
-    submap.with_handed_on = DMatrix::zeros(3 * n, handed_on.len());
+    submap.with_transferred = DMatrix::zeros(3 * n, transferred.len());
     let p = state.told();
     for (i, one) in landmarks.iter().enumerate() {
         for (j, other) in landmarks.iter().enumerate().take(i + 1) {
@@ -271,11 +273,11 @@ fn take_down(state: &State, seen: &[u64], handed_on: &[usize], submap: &mut Subm
                 .fixed_view_mut::<3, 3>(3 * j, 3 * i)
                 .copy_from(&block.transpose());
         }
-        for (c, &at) in handed_on.iter().enumerate() {
+        for (c, &at) in transferred.iter().enumerate() {
             let feature = SVector::<f64, FEATURE_DIM>::from_fn(|r, _| p.get(one.offset + r, at));
             let pose = SVector::<f64, POSE_DIM>::from_fn(|r, _| p.get(r, at));
             submap
-                .with_handed_on
+                .with_transferred
                 .fixed_view_mut::<3, 1>(3 * i, c)
                 .copy_from(&(one.by_pose * pose + one.by_feature * feature));
         }

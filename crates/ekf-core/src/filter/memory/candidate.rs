@@ -73,7 +73,7 @@ pub enum CandidateOutcome {
     Held,
     /// No point at rest would be there, at whatever distance: it was dropped. By how many times as much as noise and the poses
     /// allow.
-    Strayed(f64),
+    OffArc(f64),
     /// Its first pose is gone, or it gives no feature: it was dropped.
     Dropped,
     /// It is where it was first seen, and no point at rest would be there: it is fixed to the camera, and was dropped.

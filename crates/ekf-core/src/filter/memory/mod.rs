@@ -2,7 +2,7 @@
 
 pub(super) mod candidate;
 pub(super) mod followed;
-pub(super) mod handed;
+pub(super) mod map_transfer;
 pub(super) mod pose_ring;
 pub(super) mod record;
 pub(super) mod undo;
@@ -11,14 +11,14 @@ pub(super) mod wheels;
 use crate::error::EkfError;
 use crate::imu::Imu;
 use crate::local::OutsideSet;
-use crate::misfit::Misfit;
+use crate::map_frame::MapFrame;
+use crate::nis_accumulator::NisAccumulator;
 use crate::observe::POSE_DIM;
 use crate::odometry::Odometry;
-use crate::placed::Placed;
 use crate::state::{Block, BlockKind, LinearPart, Mark, State};
 use candidate::Candidate;
 use followed::Followed;
-use handed::Handover;
+use map_transfer::MapTransfer;
 use nalgebra::{SMatrix, SVector};
 use pose_ring::KeptPoses;
 use record::FeatureRecord;
@@ -42,9 +42,9 @@ pub(crate) struct Memory {
     pub(crate) next_candidate: u64,
     /// Poses of the last second, for views of Cf that come late.
     pub(crate) kept_poses: KeptPoses,
-    pub(crate) placed: Placed,
-    pub(crate) handover: Handover,
-    pub(crate) misfit: Misfit,
+    pub(crate) map_frame: MapFrame,
+    pub(crate) map_transfer: MapTransfer,
+    pub(crate) nis: NisAccumulator,
     pub(crate) odometry: Odometry,
     pub(crate) wheels: Wheels,
     /// The gyroscope's samples, where there is one.
@@ -67,9 +67,9 @@ impl Memory {
             candidates,
             next_candidate,
             kept_poses,
-            placed,
-            handover,
-            misfit,
+            map_frame,
+            map_transfer,
+            nis,
             odometry,
             wheels,
             imu,
@@ -83,9 +83,9 @@ impl Memory {
         self.candidates.clone_from(candidates);
         self.next_candidate = *next_candidate;
         self.kept_poses.clone_from(kept_poses);
-        self.placed = *placed;
-        self.handover = *handover;
-        self.misfit = *misfit;
+        self.map_frame = *map_frame;
+        self.map_transfer = *map_transfer;
+        self.nis = *nis;
         self.odometry.clone_from(odometry);
         self.wheels = *wheels;
         self.imu.clone_from(imu);

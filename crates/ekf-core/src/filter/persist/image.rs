@@ -12,7 +12,7 @@ use crate::guard::LAST_TIME;
 use crate::imu::Imu;
 use crate::local::{OutsideSet, OutsideSetImage};
 use crate::settings::{Settings, Value};
-use crate::state::{BlockKind, State, StateImage, handed_on_dim};
+use crate::state::{BlockKind, State, StateImage, transferred_dim};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -121,8 +121,8 @@ fn check(memory: &Memory, setup: &Setup) -> Result<(), EkfError> {
     let (state, outside) = (&memory.state, memory.outside.as_ref());
     let persons = setup.worn_cameras.len();
     let layout = &state.layout;
-    let handed_on = handed_on_dim(persons);
-    if layout.submap().is_some_and(|(_, n)| n != handed_on) {
+    let transferred = transferred_dim(persons);
+    if layout.submap().is_some_and(|(_, n)| n != transferred) {
         return bad("what its submap was handed is of other worn cameras");
     }
     if ![0, persons].contains(&state.clocks.len()) {
@@ -146,8 +146,8 @@ fn check(memory: &Memory, setup: &Setup) -> Result<(), EkfError> {
         }
     }
     memory.kept_poses.check(layout, memory.time, LAST_TIME)?;
-    memory.misfit.check(&memory.misfit)?;
-    memory.handover.check(&memory.misfit)?;
+    memory.nis.check(&memory.nis)?;
+    memory.map_transfer.check(&memory.nis)?;
     memory.odometry.check()?;
     check_imu(memory)?;
     guard::state_is_sane(state).map_err(EkfError::bad_snapshot)?;

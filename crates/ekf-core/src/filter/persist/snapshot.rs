@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 const MAGIC: &[u8; 8] = b"CSLAMEKF";
 
 /// Counts the changes of what a body holds.
-pub const VERSION: u32 = 21;
+pub const VERSION: u32 = 22;
 
 const HEAD: usize = MAGIC.len() + 4 + 8;
 
@@ -43,7 +43,7 @@ pub fn open(bytes: &[u8]) -> Result<&[u8], EkfError> {
     };
     let (magic, head) = head.split_at(MAGIC.len());
     if magic != MAGIC {
-        return Err(EkfError::bad_snapshot("it is no snapshot of a filter"));
+        return Err(EkfError::bad_snapshot("it is not a snapshot of a filter"));
     }
     let (version, length) = head.split_at(4);
     let version = u32::from_le_bytes(version.try_into().expect("4 bytes"));

@@ -15,7 +15,7 @@ use nalgebra::{Matrix2, Vector2};
 
 /// What features that were found say of others.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ToldByFound {
+pub struct ConditioningSet {
     /// Of each that was found: whether it agrees with the rest.
     pub agree: Vec<bool>,
     /// Of each that was asked for; `None` for one that predicts nothing.
@@ -49,7 +49,7 @@ impl Filter {
         &mut self,
         found: &[Bearing],
         ids: &[u64],
-    ) -> Result<ToldByFound, EkfError> {
+    ) -> Result<ConditioningSet, EkfError> {
         let wanted = ids.iter().map(|&id| Bearing {
             id,
             uv: Vector2::zeros(),
@@ -87,8 +87,8 @@ impl Filter {
     }
 
     /// As [`Self::predict_conditional`]; leaves the mean where those found put it.
-    fn told_by(&mut self, found: &[Bearing], wanted: &[Bearing], prior: &[f64]) -> ToldByFound {
-        let mut told = ToldByFound {
+    fn told_by(&mut self, found: &[Bearing], wanted: &[Bearing], prior: &[f64]) -> ConditioningSet {
+        let mut told = ConditioningSet {
             agree: vec![false; found.len()],
             expected: vec![None; wanted.len()],
         };

@@ -11,7 +11,7 @@ impl Filter {
     /// of the frames, seconds. Its other sizes are those of the settings (`imu`).
     ///
     /// # Errors
-    /// `NonFinite`, `InvalidInput` if that is no rotation or no offset, once the filter has started, or if there is one already.
+    /// `NonFinite`, `InvalidInput` if that is not a rotation or no offset, once the filter has started, or if there is one already.
     pub fn set_imu(&mut self, r_ci: &Matrix3<f64>, time_offset: f64) -> Result<(), EkfError> {
         imu::check_mount(r_ci)?;
         imu::check_offset(time_offset)?;

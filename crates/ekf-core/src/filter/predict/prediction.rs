@@ -1,4 +1,4 @@
-//! Prediction (METHOD 3), the features that it brings into view, and what the map hands on.
+//! Prediction (METHOD 3), the features that it brings into view, and what the map transfers.
 
 use super::visibility::{MAYBE, SOON, appearance, visibility};
 use crate::error::EkfError;
@@ -38,7 +38,7 @@ impl Filter {
             return Err(EkfError::NonFinite { what: "time" });
         }
         if t.abs() > LAST_TIME {
-            let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
+            let why = format!("{t} s is not a time stamp in seconds; are these nanoseconds?");
             return Err(EkfError::InvalidInput { what: "time", why });
         }
         if let Some(last) = self.memory.time {
@@ -105,7 +105,7 @@ impl Filter {
         );
     }
 
-    /// What the camera's motion brings into view, and what the map hands on.
+    /// What the camera's motion brings into view, and what the map transfers.
     pub(super) fn look_about(&mut self) {
         let pose = self.memory.state.camera_pose();
         if let Some(outside) = &mut self.memory.outside {
@@ -129,7 +129,7 @@ impl Filter {
             outside.mark_clear(&pose);
         }
         self.follow_view(&pose);
-        self.hand_over(&pose);
+        self.add_map_drift(&pose);
     }
 
     /// Chooses which features are followed; with the gauge transport those that come back are carried to the present mean.

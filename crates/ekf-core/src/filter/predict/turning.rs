@@ -5,7 +5,7 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::wheels::Wheels;
 use crate::guard;
-use crate::gyroscope::{self, Seen, Surroundings};
+use crate::gyroscope::{self, ImageTurn, Surroundings};
 use crate::math::quat;
 use crate::observe::POSE_DIM;
 use crate::predict::{CameraMatrix, Motion, Reading};
@@ -124,7 +124,7 @@ impl Filter {
     }
 
     /// The mean twist of the camera along its axes, of which the images tell the turn.
-    fn reading(&self, seen: &Seen, state: &State, dt: f64) -> Reading {
+    fn reading(&self, seen: &ImageTurn, state: &State, dt: f64) -> Reading {
         let r_cw = quat::rotation(&state.part::<4>(3)).transpose();
         let mut twist = Vector6::zeros();
         twist

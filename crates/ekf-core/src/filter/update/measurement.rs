@@ -2,7 +2,8 @@
 
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{
-    Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, WornPair,
+    Bearing, DepthObservation, MeasurementOutcome, Measurements, UpdateReport, WornObservation,
+    WornPair,
 };
 use crate::filter::input::sources::{Scratch, Source, WornForm};
 use crate::observe::block::MeasurementBlock;
@@ -52,26 +53,26 @@ impl Filter {
             if let Source::Bearing(i) = source
                 && with_depth.contains(&z.bearings[i].id)
             {
-                report.bearings[i] = Outcome::Replaced;
+                report.bearings[i] = MeasurementOutcome::Replaced;
                 continue;
             }
             let block = self.measurement_block(z, source);
             let outcome = match (&block, source) {
                 (Err(outcome), _) => *outcome,
-                (Ok(_), Source::Bearing(_)) => Outcome::Pixel,
-                (Ok(_), Source::Point(_) | Source::Depth(_)) => Outcome::Depth,
+                (Ok(_), Source::Bearing(_)) => MeasurementOutcome::Pixel,
+                (Ok(_), Source::Point(_) | Source::Depth(_)) => MeasurementOutcome::Depth,
                 (Ok(_), Source::WornPixel(i, id)) => {
                     let known = z.pairs()[i].id.is_some();
                     if known {
-                        Outcome::Pixel
+                        MeasurementOutcome::Pixel
                     } else {
-                        Outcome::Born(id)
+                        MeasurementOutcome::Born(id)
                     }
                 }
             };
             *source.outcome(report) = outcome;
             if let Ok(block) = block {
-                if outcome == Outcome::Depth {
+                if outcome == MeasurementOutcome::Depth {
                     with_depth.push(block.id);
                 }
                 self.workspace.batch.push(block);
@@ -84,21 +85,24 @@ impl Filter {
         &self,
         z: &Measurements,
         source: Source,
-    ) -> Result<MeasurementBlock, Outcome> {
+    ) -> Result<MeasurementBlock, MeasurementOutcome> {
         match (source, z.first_view()) {
             (Source::Bearing(i), _) => self.bearing(&z.bearings[i]),
             (Source::Point(i), Some(worn)) => self.worn_point(worn, &worn.pairs[i]),
             (Source::WornPixel(i, id), Some(worn)) => self.worn_pixel(worn, &worn.pairs[i], id),
             (Source::Depth(i), _) => self.other_depth(&z.depths[i]),
-            (Source::Point(_) | Source::WornPixel(..), None) => Err(Outcome::Unused),
+            (Source::Point(_) | Source::WornPixel(..), None) => Err(MeasurementOutcome::Unused),
         }
     }
 
-    pub(crate) fn bearing(&self, bearing: &Bearing) -> Result<MeasurementBlock, Outcome> {
+    pub(crate) fn bearing(
+        &self,
+        bearing: &Bearing,
+    ) -> Result<MeasurementBlock, MeasurementOutcome> {
         let landmark = self
             .memory
             .feature_block(bearing.id)
-            .map_err(|_| Outcome::NotVisible)?;
+            .map_err(|_| MeasurementOutcome::NotVisible)?;
         let rows = Rows::bearing(
             &self.setup.camera,
             &self.memory.state.camera_pose(),
@@ -114,27 +118,28 @@ impl Filter {
         &self,
         worn: &WornObservation,
         pair: &WornPair,
-    ) -> Result<MeasurementBlock, Outcome> {
-        let id = pair.id.ok_or(Outcome::Unused)?;
+    ) -> Result<MeasurementBlock, MeasurementOutcome> {
+        let id = pair.id.ok_or(MeasurementOutcome::Unused)?;
         let landmark = self
             .memory
             .feature_block(id)
-            .map_err(|_| Outcome::NotVisible)?;
+            .map_err(|_| MeasurementOutcome::NotVisible)?;
         let (view, unrolled) = self
             .intersect_unrolled(worn, pair)
-            .ok_or(Outcome::NotVisible)?;
+            .ok_or(MeasurementOutcome::NotVisible)?;
         let (pose, feature) = (
             self.memory.state.camera_pose(),
             self.memory.state.feature(&landmark),
         );
-        let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
+        let predicted =
+            PointInCamera::metric(&pose, &feature).ok_or(MeasurementOutcome::NotVisible)?;
         let view = view.at_point(&predicted.value);
         let (sigma, sigma_f) = (
             self.setup.settings.pixel.sigma_cs,
             self.setup.settings.pixel.sigma_cf,
         );
         if self.rho_variance(worn, &view, &pair.uv_f).sqrt() > MAX_RANGE_RATIO * view.rho {
-            return Err(Outcome::TooUncertain);
+            return Err(MeasurementOutcome::TooUncertain);
         }
         let j = view.point_by_tangent();
         let by_pixel = view.point_by_pixel();
@@ -164,13 +169,13 @@ impl Filter {
         worn: &WornObservation,
         pair: &WornPair,
         id: u64,
-    ) -> Result<MeasurementBlock, Outcome> {
+    ) -> Result<MeasurementBlock, MeasurementOutcome> {
         let landmark = self
             .memory
             .feature_block(id)
-            .map_err(|_| Outcome::NotVisible)?;
+            .map_err(|_| MeasurementOutcome::NotVisible)?;
         let camera = self.setup.worn_cameras.get(worn.who);
-        let camera = camera.ok_or(Outcome::NotVisible)?;
+        let camera = camera.ok_or(MeasurementOutcome::NotVisible)?;
         let view = WornView {
             camera,
             measured: worn.t_cf.clone(),
@@ -190,13 +195,18 @@ impl Filter {
         MeasurementBlock::new(rows, &landmark, self.worn_error_offset(worn.who))
     }
 
-    fn other_depth(&self, depth: &DepthObservation) -> Result<MeasurementBlock, Outcome> {
-        let id = depth.id.ok_or(Outcome::Unused)?;
+    fn other_depth(
+        &self,
+        depth: &DepthObservation,
+    ) -> Result<MeasurementBlock, MeasurementOutcome> {
+        let id = depth.id.ok_or(MeasurementOutcome::Unused)?;
         let landmark = self
             .memory
             .feature_block(id)
-            .map_err(|_| Outcome::NotVisible)?;
-        let (point, noise) = self.point_at_depth(depth).ok_or(Outcome::NotVisible)?;
+            .map_err(|_| MeasurementOutcome::NotVisible)?;
+        let (point, noise) = self
+            .point_at_depth(depth)
+            .ok_or(MeasurementOutcome::NotVisible)?;
         let (pose, feature) = (
             self.memory.state.camera_pose(),
             self.memory.state.feature(&landmark),
@@ -214,8 +224,8 @@ impl MeasurementBlock {
         rows: Option<Rows>,
         landmark: &Block,
         shared: Option<usize>,
-    ) -> Result<Self, Outcome> {
-        let rows = rows.ok_or(Outcome::NotVisible)?;
+    ) -> Result<Self, MeasurementOutcome> {
+        let rows = rows.ok_or(MeasurementOutcome::NotVisible)?;
         Ok(Self {
             rows,
             id: landmark.id,

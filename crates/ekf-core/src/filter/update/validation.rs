@@ -1,7 +1,7 @@
 //! The tests that the matches of a frame must pass before they are used (METHOD 8).
 
 use crate::filter::ekf::Filter;
-use crate::filter::input::measurements::{Outcome, UpdateReport};
+use crate::filter::input::measurements::{MeasurementOutcome, UpdateReport};
 use crate::settings::BatchTestKind;
 use crate::validate;
 use crate::validate::{BatchTest, conditional_gate};
@@ -10,7 +10,7 @@ use crate::validate::{BatchTest, conditional_gate};
 const GATE_LEVEL: f64 = 0.999;
 
 /// One test: lists the blocks of the batch that fail it, and names their outcome.
-pub(crate) type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> Outcome;
+pub(crate) type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> MeasurementOutcome;
 
 impl Filter {
     /// All tests, in the order in which they are made.
@@ -22,7 +22,11 @@ impl Filter {
     ];
 
     /// Matches whose predicted pixel has a standard deviation as wide as the image: no linearisation holds there.
-    fn poorly_predicted(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+    fn poorly_predicted(
+        &mut self,
+        _: &mut UpdateReport,
+        gone: &mut Vec<usize>,
+    ) -> MeasurementOutcome {
         gone.clear();
         let (s, m) = (self.workspace.batch.s(), self.workspace.batch.rows());
         let widest = f64::from(self.setup.camera.width.max(self.setup.camera.height)).powi(2);
@@ -39,14 +43,14 @@ impl Filter {
                 gone.push(u);
             }
         }
-        Outcome::TooUncertain
+        MeasurementOutcome::TooUncertain
     }
 
     /// Matches that fail their individual gate.
-    fn gated(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+    fn gated(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> MeasurementOutcome {
         gone.clear();
         if self.setup.settings.validate.test == BatchTestKind::None {
-            return Outcome::RejectedGate;
+            return MeasurementOutcome::RejectedGate;
         }
         validate::reject_each(
             self.workspace.batch.s(),
@@ -57,30 +61,38 @@ impl Filter {
             &mut self.workspace.test,
         );
         gone.extend_from_slice(self.workspace.test.rejected());
-        Outcome::RejectedGate
+        MeasurementOutcome::RejectedGate
     }
 
     /// Matches that the batch test leaves out.
-    fn batch_test(&mut self, report: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+    fn batch_test(
+        &mut self,
+        report: &mut UpdateReport,
+        gone: &mut Vec<usize>,
+    ) -> MeasurementOutcome {
         gone.clear();
         let test = BatchTest::chosen(&self.setup.settings.validate);
         let batch = self.workspace.batch.as_batch();
         if batch.blocks.is_empty() {
-            return Outcome::RejectedBatch;
+            return MeasurementOutcome::RejectedBatch;
         }
         let verdict = test.run(&batch, &mut self.workspace.test);
         report.order = verdict.order;
         report.exact &= verdict.exact;
         gone.extend_from_slice(self.workspace.test.rejected());
-        Outcome::RejectedBatch
+        MeasurementOutcome::RejectedBatch
     }
 
     /// Matches that disagree with the other accepted ones.
-    fn conditional_gate(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+    fn conditional_gate(
+        &mut self,
+        _: &mut UpdateReport,
+        gone: &mut Vec<usize>,
+    ) -> MeasurementOutcome {
         gone.clear();
         let options = &self.setup.settings.validate;
         if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
-            return Outcome::RejectedConditional;
+            return MeasurementOutcome::RejectedConditional;
         }
         let batch = self.workspace.batch.as_batch();
         conditional_gate(
@@ -93,6 +105,6 @@ impl Filter {
             &mut self.workspace.test,
         );
         gone.extend_from_slice(self.workspace.test.rejected());
-        Outcome::RejectedConditional
+        MeasurementOutcome::RejectedConditional
     }
 }

@@ -1,7 +1,7 @@
 //! The worn cameras' clocks: when the views tell one, whatever else, that lasts, is wrong with its T_CF (METHOD 26).
 
 use super::error::into_f;
-use super::other_time::Carried;
+use super::other_time::TimeCompensated;
 use crate::chi2;
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{Capture, WornObservation};
@@ -17,23 +17,24 @@ const CLEAR: f64 = 5.0;
 const CHANGED: f64 = 0.9999;
 
 /// What is known of T_CF's error before a view.
-pub(crate) struct BeforeView {
+pub(crate) struct ViewPrior {
     /// Its covariance, tangent of F.
     whole: Matrix6<f64>,
     /// That of its part that lasts.
-    lasting: Matrix6<f64>,
+    time_correlated: Matrix6<f64>,
 }
 
-impl BeforeView {
+impl ViewPrior {
     /// Whether the noise of what T_CF is off by for each second is small beside it, both as the rest of the view's error weighs them.
-    fn is_clear(&self, carried: &Carried) -> bool {
-        let (Some(clock), Some(cholesky)) =
-            (carried.by.clock(), (self.whole - self.lasting).cholesky())
-        else {
+    fn is_clear(&self, compensated: &TimeCompensated) -> bool {
+        let (Some(clock), Some(cholesky)) = (
+            compensated.by.clock(),
+            (self.whole - self.time_correlated).cholesky(),
+        ) else {
             return false;
         };
         let by_second = Vector6::from_column_slice(clock.matrix);
-        let noise = cholesky.solve(&carried.clock_noise).trace();
+        let noise = cholesky.solve(&compensated.clock_noise).trace();
         by_second.dot(&cholesky.solve(&by_second)) > CLEAR * CLEAR * noise
     }
 }
@@ -69,61 +70,72 @@ impl Filter {
     pub(crate) fn learn_clock(
         &self,
         worn: &WornObservation,
-        carried: Option<&Carried>,
-        before: Option<&BeforeView>,
+        compensated: Option<&TimeCompensated>,
+        before: Option<&ViewPrior>,
         learned: &mut Learned,
     ) {
         let possible = self.setup.settings.worn.clock_sd.powi(2);
         let told = self.memory.state.clocks.get(worn.who);
         let is_told = told.is_some_and(|told| told.information * possible > TOLD_INFORMATION);
-        let (Some(before), Some(carried), true) = (before, carried, is_told) else {
+        let (Some(before), Some(compensated), true) = (before, compensated, is_told) else {
             return;
         };
-        if let Some(clock) = carried.by.clock().filter(|_| before.is_clear(carried)) {
+        if let Some(clock) = compensated
+            .by
+            .clock()
+            .filter(|_| before.is_clear(compensated))
+        {
             learned.number(clock.offset);
         }
     }
 
     /// What is known before a view, whose error of T_CF is in the state; `None` where the clock is exact or means nothing yet.
-    pub(crate) fn before_view(
+    pub(crate) fn view_prior(
         &self,
         worn: &WornObservation,
-        carried: Option<&Carried>,
-    ) -> Option<BeforeView> {
-        let clock = carried?.by.clock()?;
-        let error = self.error_of(worn, carried);
-        let lasting: Vec<LinearPart<'_>> = error.lasting_parts().chain([clock]).collect();
-        Some(BeforeView {
+        compensated: Option<&TimeCompensated>,
+    ) -> Option<ViewPrior> {
+        let clock = compensated?.by.clock()?;
+        let error = self.error_of(worn, compensated);
+        let time_correlated: Vec<LinearPart<'_>> =
+            error.time_correlated_parts().chain([clock]).collect();
+        Some(ViewPrior {
             whole: of_error(&self.memory.state, self.worn_error_offset(worn.who)?),
-            lasting: self.memory.state.covariance_of(&lasting, &Matrix6::zeros()),
+            time_correlated: self
+                .memory
+                .state
+                .covariance_of(&time_correlated, &Matrix6::zeros()),
         })
     }
 
     /// Counts a view that has been measured for what it tells of the clock.
     ///
     /// With P the covariance of the frame's error before its pixels and T what they took off it, these are as good as a
-    /// measurement of that error with information Q (1 - P Q)^-1, Q = P^-1 T P^-1, and so as one of its lasting part, of
+    /// measurement of that error with information Q (1 - P Q)^-1, Q = P^-1 T P^-1, and so as one of its time-correlated part, of
     /// covariance L, with Q (1 - L Q)^-1.
     pub(crate) fn count_for_clock(
         &mut self,
         worn: &WornObservation,
-        carried: &Carried,
-        before: &BeforeView,
+        compensated: &TimeCompensated,
+        before: &ViewPrior,
     ) -> Option<()> {
         let capture = Capture {
             frame: self.memory.time?,
             ..self.capture_of(worn)?
         };
-        let BeforeView { whole, lasting } = before;
+        let ViewPrior {
+            whole,
+            time_correlated,
+        } = before;
         let taken = whole - of_error(&self.memory.state, self.worn_error_offset(worn.who)?);
         let inverse = whole.cholesky()?.inverse();
         let q = inverse * taken * inverse;
-        let told = q * (Matrix6::identity() - lasting * q).try_inverse()?;
-        let there = self.pose_then(capture, worn.who).ok()?;
+        let told = q * (Matrix6::identity() - time_correlated * q).try_inverse()?;
+        let there = self.interpolated_pose(capture, worn.who).ok()?;
         // From F's axes into C's.
-        let j = into_f(worn, Some(carried));
+        let j = into_f(worn, Some(compensated));
         let told = j.transpose() * told * j;
-        let by_twist = j.transpose() * carried.taken.inverse().adjoint();
+        let by_twist = j.transpose() * compensated.taken.inverse().adjoint();
         let by_second = by_twist * there.twist;
         let spread = by_twist * there.twist_noise * by_twist.transpose();
         let clock = self.memory.state.clocks.get_mut(worn.who)?;

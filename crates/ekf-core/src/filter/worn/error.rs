@@ -1,6 +1,6 @@
 //! The worn camera in one frame: the error of its pose in the state, and what both views see (METHOD 5, 6, 9).
 
-use super::other_time::{ByMotion, Carried};
+use super::other_time::{ByMotion, TimeCompensated};
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
@@ -11,7 +11,7 @@ use crate::math::pose::Pose;
 use crate::observe::shutter::down_the_image;
 use crate::overlap::{Overlap, predict_overlap};
 use crate::settings::WornErrors;
-use crate::state::{BlockKind, Lasting, Learned, LinearPart, State, Whose, root};
+use crate::state::{BlockKind, ErrorOwner, Learned, LinearPart, State, TimeCorrelatedBias, root};
 use nalgebra::{Matrix6, Vector2, Vector6};
 
 /// How fast a worn camera moves and turns on each axis, m/s and rad/s, standard deviations: of somebody who walks and looks about.
@@ -31,7 +31,7 @@ fn roll_covariance(readout: f64) -> Matrix6<f64> {
 /// What the error of a view's T_CF comes from, all in the tangent of F.
 pub(crate) struct WornErrorParts {
     /// Derivatives by what lasts of it, six numbers of the state at these offsets.
-    lasting: Vec<(usize, Matrix6<f64>)>,
+    time_correlated: Vec<(usize, Matrix6<f64>)>,
     /// Derivatives by how Cs moved.
     motion: ByMotion,
     /// Derivative by what all views of the frame have in common, in standard deviations.
@@ -43,14 +43,14 @@ pub(crate) struct WornErrorParts {
 impl WornErrorParts {
     /// Its mean: what has been learned of the part that lasts.
     pub(crate) fn mean(&self, state: &State) -> Vector6<f64> {
-        let lasting = self.lasting.iter();
-        let sum = lasting.map(|(offset, by)| by * state.part::<6>(*offset));
+        let time_correlated = self.time_correlated.iter();
+        let sum = time_correlated.map(|(offset, by)| by * state.part::<6>(*offset));
         sum.fold(Vector6::zeros(), |a, b| a + b)
     }
 
     /// What lasts of it, but for the clock.
-    pub(super) fn lasting_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
-        self.lasting.iter().map(|(offset, by)| LinearPart {
+    pub(super) fn time_correlated_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
+        self.time_correlated.iter().map(|(offset, by)| LinearPart {
             offset: *offset,
             width: 6,
             matrix: by.as_slice(),
@@ -59,13 +59,16 @@ impl WornErrorParts {
 
     /// What is in the state, but for the common part.
     pub(super) fn linear_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
-        self.lasting_parts().chain(self.motion.parts())
+        self.time_correlated_parts().chain(self.motion.parts())
     }
 }
 
 /// Turns what is along C's axes into F's.
-pub(super) fn into_f(worn: &WornObservation, carried: Option<&Carried>) -> Matrix6<f64> {
-    let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken.rotation);
+pub(super) fn into_f(
+    worn: &WornObservation,
+    compensated: Option<&TimeCompensated>,
+) -> Matrix6<f64> {
+    let rotation = compensated.map_or(worn.t_cf.rotation, |compensated| compensated.taken.rotation);
     let mut j = Matrix6::zeros();
     for at in [0, 3] {
         j.fixed_view_mut::<3, 3>(at, at)
@@ -75,28 +78,43 @@ pub(super) fn into_f(worn: &WornObservation, carried: Option<&Carried>) -> Matri
 }
 
 impl Filter {
-    /// Appends the frame's error of T_CF, `xi = J (b + B c) + white`, and what the motion of Cs adds where that was `carried`
+    /// Appends the frame's error of T_CF, `xi = J (b + B c) + white`, and what the motion of Cs adds where that was `compensated`
     /// here from another time. The bias `b` is along C's axes: its causes lie along the way that both cameras travel, so it
     /// must not turn with F's axes when the wearer's head does. `c` is what all worn cameras have in common of theirs.
-    pub(crate) fn open_worn_error(&mut self, worn: &WornObservation, carried: Option<&Carried>) {
+    pub(crate) fn open_worn_error(
+        &mut self,
+        worn: &WornObservation,
+        compensated: Option<&TimeCompensated>,
+    ) {
         let share = self.setup.settings.worn.common_share;
         let bias_covariance = self.bias_covariance(worn);
-        let j = into_f(worn, carried);
-        let is_known = self.memory.state.lasting_error(worn.who).next().is_some();
+        let j = into_f(worn, compensated);
+        let is_known = self
+            .memory
+            .state
+            .time_correlated_error(worn.who)
+            .next()
+            .is_some();
         if bias_covariance.diagonal().max() > 0.0 && !is_known {
             let stationary = j.transpose() * bias_covariance * j;
             let stationary = (stationary + stationary.transpose()) * 0.5;
             if share > 0.0 {
-                self.memory.state.begin_lasting(Lasting::common());
+                self.memory
+                    .state
+                    .begin_time_correlated(TimeCorrelatedBias::common());
             }
-            let own = Lasting::of(worn.who, &stationary, share);
-            self.memory.state.begin_lasting(own);
+            let own = TimeCorrelatedBias::of(worn.who, &stationary, share);
+            self.memory.state.begin_time_correlated(own);
         }
-        let error = self.error_of(worn, carried);
+        let error = self.error_of(worn, compensated);
         let mut parts: Vec<LinearPart<'_>> = error.linear_parts().collect();
         if share > 0.0 {
-            let kind = BlockKind::WornError(Whose::Common);
-            let there = self.memory.state.worn_error_block(Whose::Common).copied();
+            let kind = BlockKind::WornError(ErrorOwner::Common);
+            let there = self
+                .memory
+                .state
+                .worn_error_block(ErrorOwner::Common)
+                .copied();
             let block = there.unwrap_or_else(|| {
                 let one = Matrix6::identity();
                 self.memory.state.append(kind, &Vector6::zeros(), &[], &one)
@@ -107,7 +125,7 @@ impl Filter {
                 matrix: error.common.as_slice(),
             });
         }
-        let kind = BlockKind::WornError(Whose::Of(worn.who));
+        let kind = BlockKind::WornError(ErrorOwner::Of(worn.who));
         let mean = error.mean(&self.memory.state);
         self.memory.state.append(kind, &mean, &parts, &error.white);
         if self.setup.settings.worn.readout > 0.0 {
@@ -131,10 +149,10 @@ impl Filter {
     pub(crate) fn learn(
         &self,
         worn: &WornObservation,
-        carried: Option<&Carried>,
+        compensated: Option<&TimeCompensated>,
         learned: &mut Learned,
     ) {
-        let t_cf = carried.map_or(&worn.t_cf, |carried| &carried.taken);
+        let t_cf = compensated.map_or(&worn.t_cf, |compensated| &compensated.taken);
         let Some(along) = t_cf.translation.try_normalize(0.0) else {
             return;
         };
@@ -144,7 +162,7 @@ impl Filter {
         let mut across = Matrix6::identity();
         let mut shift = across.fixed_view_mut::<3, 3>(0, 0);
         shift -= along * along.transpose();
-        for (offset, by) in self.memory.state.lasting_error(worn.who) {
+        for (offset, by) in self.memory.state.time_correlated_error(worn.who) {
             if let Some(back) = by.try_inverse() {
                 learned.of.push((offset, back * across * by));
             }
@@ -160,13 +178,15 @@ impl Filter {
     pub(crate) fn error_of(
         &self,
         worn: &WornObservation,
-        carried: Option<&Carried>,
+        compensated: Option<&TimeCompensated>,
     ) -> WornErrorParts {
         let share = self.setup.settings.worn.common_share;
-        let j = into_f(worn, carried);
-        let lasting = self.memory.state.lasting_error(worn.who);
-        let lasting: Vec<_> = lasting.map(|(offset, by)| (offset, j * by)).collect();
-        let mut white = if lasting.is_empty() {
+        let j = into_f(worn, compensated);
+        let time_correlated = self.memory.state.time_correlated_error(worn.who);
+        let time_correlated: Vec<_> = time_correlated
+            .map(|(offset, by)| (offset, j * by))
+            .collect();
+        let mut white = if time_correlated.is_empty() {
             worn.covariance
         } else {
             worn.covariance - self.bias_covariance(worn)
@@ -177,12 +197,12 @@ impl Filter {
             white *= 1.0 - share;
         }
         let mut motion = ByMotion::default();
-        if let Some(carried) = carried {
-            motion.clone_from(&carried.by);
-            white += carried.noise;
+        if let Some(compensated) = compensated {
+            motion.clone_from(&compensated.by);
+            white += compensated.noise;
         }
         WornErrorParts {
-            lasting,
+            time_correlated,
             motion,
             common,
             white,
@@ -190,7 +210,7 @@ impl Filter {
     }
 
     pub(crate) fn worn_error_offset(&self, who: usize) -> Option<usize> {
-        let block = self.memory.state.worn_error_block(Whose::Of(who));
+        let block = self.memory.state.worn_error_block(ErrorOwner::Of(who));
         block.map(|b| b.offset)
     }
 

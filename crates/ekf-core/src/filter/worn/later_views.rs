@@ -1,7 +1,9 @@
 //! Views of other worn cameras in the same frame, one after another (METHOD 6).
 
 use crate::filter::ekf::Filter;
-use crate::filter::input::measurements::{Measurements, Outcome, UpdateReport, WornObservation};
+use crate::filter::input::measurements::{
+    MeasurementOutcome, Measurements, UpdateReport, WornObservation,
+};
 use crate::filter::input::sources::Scratch;
 use crate::math::pose::Pose;
 use nalgebra::Vector2;
@@ -46,13 +48,13 @@ impl Filter {
             views: vec![worn],
             ..Measurements::default()
         };
-        let measured = self.brought_here(worn).and_then(|brought| {
-            let (here, carried) = match brought {
-                Some((here, carried)) => (here, Some(carried)),
+        let measured = self.time_compensated(worn).and_then(|compensated| {
+            let (here, compensated) = match compensated {
+                Some((here, compensated)) => (here, Some(compensated)),
                 None => (worn.clone(), None),
             };
             let z = alone(here);
-            self.measure_view(&z, carried.as_ref(), used, &mut report, scratch)
+            self.measure_view(&z, compensated.as_ref(), used, &mut report, scratch)
         });
         match measured {
             Ok(true) => report,
@@ -76,10 +78,15 @@ impl Filter {
         worn
     }
 
-    fn list_born(&self, worn: &WornObservation, pairs: &[Outcome], born: &mut Vec<Born>) {
+    fn list_born(
+        &self,
+        worn: &WornObservation,
+        pairs: &[MeasurementOutcome],
+        born: &mut Vec<Born>,
+    ) {
         let frame = self.frame_of(worn);
         for (pair, outcome) in worn.pairs.iter().zip(pairs) {
-            if let (Outcome::Born(id), Some(uv)) = (outcome, pair.uv) {
+            if let (MeasurementOutcome::Born(id), Some(uv)) = (outcome, pair.uv) {
                 born.push((frame, uv, *id));
             }
         }

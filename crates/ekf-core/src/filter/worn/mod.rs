@@ -2,10 +2,10 @@
 
 pub(super) mod clock;
 pub(super) mod error;
+pub(super) mod interpolated_pose;
 pub(super) mod kept_poses;
 pub(super) mod later_views;
 pub(super) mod other_time;
 pub(super) mod pose;
-pub(super) mod pose_then;
 pub(super) mod relinearised;
-pub(super) mod where_to_look;
+pub(super) mod view_planning;

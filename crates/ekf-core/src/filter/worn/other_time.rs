@@ -1,7 +1,7 @@
 //! Views of Cf that were not taken at the frame's own instant (METHOD 21): the pose of Cs when one was taken, from the poses
 //! that are kept, as a linear function of the state.
 
-use super::pose_then::{Then, twist};
+use super::interpolated_pose::{InterpolatedPose, twist};
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{Capture, WornObservation};
@@ -20,7 +20,7 @@ pub const UNKNOWN_TURN: f64 = 0.5;
 /// T_CF as it is between a view of Cf and a frame of another time, with how its error comes about. All tangents are those of
 /// F, on the right.
 #[derive(Clone, Debug)]
-pub(crate) struct Carried {
+pub(crate) struct TimeCompensated {
     /// Maps points of F, at the time of the view, into C at that of the frame.
     pub(crate) t_cf: Pose,
     /// The measured T_CF: from F into C when the view was taken.
@@ -89,20 +89,20 @@ impl Filter {
         who: usize,
     ) -> Result<(Pose, Matrix6<f64>), EkfError> {
         check_pose(t_cf, covariance)?;
-        let carried = self.carried(t_cf, capture, who)?;
-        let parts: Vec<LinearPart<'_>> = carried.by.parts().collect();
-        let noise = covariance + carried.noise;
+        let compensated = self.compensated_t_cf(t_cf, capture, who)?;
+        let parts: Vec<LinearPart<'_>> = compensated.by.parts().collect();
+        let noise = covariance + compensated.noise;
         let sum = self.memory.state.covariance_of(&parts, &noise);
-        Ok((carried.t_cf, (sum + sum.transpose()) * 0.5))
+        Ok((compensated.t_cf, (sum + sum.transpose()) * 0.5))
     }
 
     /// As [`Self::carry_worn`], by its causes.
-    pub(crate) fn carried(
+    pub(crate) fn compensated_t_cf(
         &self,
         t_cf: &Pose,
         capture: Capture,
         who: usize,
-    ) -> Result<Carried, EkfError> {
+    ) -> Result<TimeCompensated, EkfError> {
         let Capture { t, frame } = capture;
         for (what, value) in [("time of the worn view", t), ("time of its frame", frame)] {
             if !value.is_finite() {
@@ -118,7 +118,7 @@ impl Filter {
             let gap = gap.unwrap_or_else(|| (t - frame).abs());
             let off = clock.map_or(0.0, |(mean, variance)| mean * mean + variance);
             let noise = self.of_unknown_motion(gap * gap + off);
-            return Ok(Carried {
+            return Ok(TimeCompensated {
                 t_cf: t_cf.clone(),
                 taken: t_cf.clone(),
                 by: ByMotion::default(),
@@ -126,7 +126,7 @@ impl Filter {
                 clock_noise: Matrix6::zeros(),
             });
         }
-        let there = self.pose_then(capture, who)?;
+        let there = self.interpolated_pose(capture, who)?;
         let frame_pose = self.memory.state.pose_at(to);
         let here = Pose::from_quat(frame_pose.r, &frame_pose.q);
         let motion = here.inverse().compose(&there.pose);
@@ -145,7 +145,7 @@ impl Filter {
         by.velocity = there.by_velocity.map(|by| into_f * by);
         let block = self.memory.state.worn_clock_block(who);
         by.clock = block.map(|block| (block.offset, into_f * there.twist));
-        Ok(Carried {
+        Ok(TimeCompensated {
             t_cf: motion.compose(t_cf),
             taken: t_cf.clone(),
             by,
@@ -164,7 +164,11 @@ impl Filter {
     ///
     /// # Errors
     /// `StaleView` where no pose of about then is kept.
-    pub(super) fn pose_then(&self, capture: Capture, who: usize) -> Result<Then, EkfError> {
+    pub(super) fn interpolated_pose(
+        &self,
+        capture: Capture,
+        who: usize,
+    ) -> Result<InterpolatedPose, EkfError> {
         let Some((clock, _)) = self.memory.state.worn_clock(who) else {
             return self.pose_between(capture.t);
         };
@@ -194,15 +198,15 @@ impl Filter {
 
     /// A view of another time as one of the present frame: its T_CF carried here, and what its error comes from. So is one of
     /// the frame's own instant where the clock is not exact.
-    pub(crate) fn brought_here(
+    pub(crate) fn time_compensated(
         &self,
         worn: &WornObservation,
-    ) -> Result<Option<(WornObservation, Carried)>, EkfError> {
+    ) -> Result<Option<(WornObservation, TimeCompensated)>, EkfError> {
         let (Some(capture), Some(now)) = (self.capture_of(worn), self.memory.time) else {
             return Ok(None);
         };
         self.memory.offset_of_frame(capture.frame)?;
-        let carried = self.carried(
+        let compensated = self.compensated_t_cf(
             &worn.t_cf,
             Capture {
                 frame: now,
@@ -211,10 +215,10 @@ impl Filter {
             worn.who,
         )?;
         let here = WornObservation {
-            t_cf: carried.t_cf.clone(),
+            t_cf: compensated.t_cf.clone(),
             ..worn.clone()
         };
-        Ok(Some((here, carried)))
+        Ok(Some((here, compensated)))
     }
 
     /// When a view was taken, where that makes a difference.
@@ -271,7 +275,7 @@ mod tests {
         for (t, frame) in [(0.13, 0.45), (0.42, 0.45), (0.2, 0.45), (0.27, 0.2)] {
             let capture = Capture { t, frame };
             let at = filter
-                .carried(&t_cf(), capture, 0)
+                .compensated_t_cf(&t_cf(), capture, 0)
                 .expect("between kept poses");
             let mut offsets: Vec<usize> = at.by.poses.iter().map(|(offset, _)| *offset).collect();
             offsets.sort_unstable();
@@ -293,7 +297,9 @@ mod tests {
                         for i in 0..POSE_DIM {
                             moved.memory.state.x[offset + i] += step[i];
                         }
-                        let there = moved.carried(&t_cf(), capture, 0).expect("as before");
+                        let there = moved
+                            .compensated_t_cf(&t_cf(), capture, 0)
+                            .expect("as before");
                         at.t_cf.inverse().compose(&there.t_cf).log()
                     });
                     let numeric = (to - from) / (2.0 * e);
@@ -332,7 +338,7 @@ mod tests {
         let refused = |t: f64| {
             let capture = Capture { t, frame: 0.45 };
             filter
-                .carried(&t_cf(), capture, 0)
+                .compensated_t_cf(&t_cf(), capture, 0)
                 .expect_err("no")
                 .to_string()
         };
@@ -391,7 +397,9 @@ mod tests {
 
     /// Derivative of T_CF of a view, by all numbers of the state that it says it depends on.
     fn derivative(filter: &Filter, capture: Capture) -> Matrix6xX<f64> {
-        let at = filter.carried(&t_cf(), capture, 0).expect("it is kept");
+        let at = filter
+            .compensated_t_cf(&t_cf(), capture, 0)
+            .expect("it is kept");
         let mut by = Matrix6xX::zeros(filter.memory.state.x.len());
         for part in at.by.parts() {
             let mut columns = by.columns_mut(part.offset, part.width);
@@ -415,7 +423,8 @@ mod tests {
             let filter = with_clock(clock);
             let capture = Capture { t, frame };
             let by = derivative(&filter, capture);
-            let there = |filter: &Filter| filter.carried(&t_cf(), capture, 0).expect("kept");
+            let there =
+                |filter: &Filter| filter.compensated_t_cf(&t_cf(), capture, 0).expect("kept");
             let at = there(&filter).t_cf;
             let kept = filter.memory.kept_poses.ids();
             let kept = kept.filter_map(|id| Some(filter.memory.state.layout.find(id)?.offset));
@@ -459,8 +468,8 @@ mod tests {
             0.45,
         );
         let exact = moving_with(Settings::default());
-        let with = filter.carried(&t_cf(), late, 0).expect("kept");
-        let as_stamped = exact.carried(&t_cf(), Capture { t: 0.27, frame }, 0);
+        let with = filter.compensated_t_cf(&t_cf(), late, 0).expect("kept");
+        let as_stamped = exact.compensated_t_cf(&t_cf(), Capture { t: 0.27, frame }, 0);
         let off = with
             .t_cf
             .inverse()

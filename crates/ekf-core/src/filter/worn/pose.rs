@@ -21,12 +21,12 @@ impl Filter {
     pub fn worn_pose(&self, worn: &WornObservation) -> Result<WornPose, EkfError> {
         self.memory.check_started()?;
         self.check_worn(&worn.t_cf, &worn.covariance, worn.bias.as_ref(), worn.who)?;
-        let brought = self.brought_here(worn)?;
-        let (t_cf, carried) = match &brought {
-            Some((here, carried)) => (&here.t_cf, Some(carried)),
+        let compensated = self.time_compensated(worn)?;
+        let (t_cf, compensated) = match &compensated {
+            Some((here, compensated)) => (&here.t_cf, Some(compensated)),
             None => (&worn.t_cf, None),
         };
-        let error = self.error_of(worn, carried);
+        let error = self.error_of(worn, compensated);
         let mut parts: Parts = Vec::new();
         for part in error.linear_parts() {
             let by = DMatrix::from_column_slice(6, part.width, part.matrix);
@@ -80,7 +80,7 @@ impl Filter {
             r: Vector3::from(pose.translation),
             q: quat::from_rotation(&pose.rotation),
         };
-        covariance += self.memory.placed.of_pose(&frame);
+        covariance += self.memory.map_frame.of_pose(&frame);
         WornPose {
             who,
             pose,

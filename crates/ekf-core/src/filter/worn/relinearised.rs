@@ -2,7 +2,7 @@
 
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
-use crate::filter::input::measurements::{Measurements, Outcome};
+use crate::filter::input::measurements::{MeasurementOutcome, Measurements};
 use crate::filter::input::sources::{Scratch, Source};
 use crate::observe::block::MeasurementBlock;
 use nalgebra::Vector6;
@@ -13,7 +13,7 @@ impl Filter {
     /// A pixel of Cf says the product of an inverse range and the baseline. With the derivative taken at the measured baseline,
     /// the innovation and its weight share the noise of that measurement: a view that measured too long a baseline pulls the map
     /// apart harder than one that measured too short a one draws it together. Where T_CF is exact but for white noise that
-    /// averages to little, and nothing is done; a lasting error of the baseline gives way to it in every view. Once is enough, as
+    /// averages to little, and nothing is done; a time-correlated error of the baseline gives way to it in every view. Once is enough, as
     /// the product is linear in each. The rows stay as they are where one of them predicts nothing there.
     ///
     /// # Errors
@@ -26,7 +26,12 @@ impl Filter {
         let Some(worn) = z.first_view() else {
             return Ok(());
         };
-        let lasts = self.memory.state.lasting_error(worn.who).next().is_some()
+        let lasts = self
+            .memory
+            .state
+            .time_correlated_error(worn.who)
+            .next()
+            .is_some()
             || self.memory.state.worn_clock_block(worn.who).is_some();
         let Some(at) = self.worn_error_offset(worn.who).filter(|_| lasts) else {
             return Ok(());
@@ -50,7 +55,7 @@ impl Filter {
                 if let (Source::WornPixel(..), Some(by_error)) = (source, &block.rows.by_shared) {
                     block.rows.innovation += by_error * step;
                 }
-                Ok::<_, Outcome>(block)
+                Ok::<_, MeasurementOutcome>(block)
             })
             .collect();
         self.memory.state.set_part(at, &before);

@@ -25,7 +25,7 @@ impl Search<'_> {
             };
         }
         self.levels[depth].work_out_gains(self.a, self.blocks);
-        // Without any couplings. That is no bound, but it says which branch to follow first.
+        // Without any couplings. That is not a bound, but it says which branch to follow first.
         let level = &self.levels[depth];
         let mut best = (f64::NEG_INFINITY, level.candidates[0]);
         self.sums.terms.clear();

@@ -1,0 +1,53 @@
+"""What delivers images while they are taken, and what it delivers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from collabslam._core import Camera
+from collabslam.datasets.ros.sensors import WornSensors
+from collabslam.live.monotonic_clock import MonotonicClock
+from collabslam.live.sensed import SensorTaker
+from collabslam.types import Array, Image
+
+
+@dataclass(frozen=True)
+class CapturedImage:
+    """An image (H, W) uint8 taken at ``t`` seconds by this machine's clock."""
+
+    t: float
+    image: Image
+
+
+class LiveCamera(Protocol):
+    """What delivers images while they are taken."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def clock(self) -> MonotonicClock: ...
+    @property
+    def t_bc(self) -> Array | None:
+        """Where it sits in the frame B of the odometry that comes with its images: maps points of the camera
+        into B, metres (4, 4); None where none comes."""
+        ...
+
+    def begin(self) -> None:
+        """The clock starts, if it has not."""
+        ...
+
+    def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
+        """From now on ``taker`` is given what these sensors say, while images are; raises DataError."""
+        ...
+
+    def drive(self, take: Callable[[float, Array, Array], None]) -> None:
+        """From now on ``take`` is given stamp, twist and covariance of odometry, while images are."""
+        ...
+
+    def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
+        """Each image when it is taken, until there are no more or ``ended()``; raises DataError."""
+        ...
