@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -32,6 +30,7 @@ from collabslam.datasets.written_numbers import (
 )
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import LineFile, write_text
+from collabslam.formats.partial_folder import PartialFolder
 from collabslam.images import check_grey
 from collabslam.types import (
     Array,
@@ -57,8 +56,8 @@ class RecordingWriter:
     """Writes images, stamps and poses as a recording that `collabslam.open_recording` reads.
 
     Used in a ``with`` block, or closed by hand.  Images are lossless PNG.  Until it is closed the folder has
-    the name ``.NAME.partial`` beside its place; closing gives it its own, also where an error or Ctrl-C has
-    ended the block: what was added until then is a whole recording.
+    a name ``.NAME.RANDOM.partial`` beside its place; closing gives it its own, also where an error or Ctrl-C
+    has ended the block: what was added until then is a whole recording.
 
     Parameters
     ----------
@@ -106,7 +105,6 @@ class RecordingWriter:
                 )
         self._out = _free(Path(folder), overwrite)
         self._camera, self._worn_cameras = camera, cameras
-        self._partial = self._out.with_name(f".{self._out.name}.partial")
         self._lists: dict[Path, LineFile] = {}
         self._last = self._last_odometry = self._last_gyro = -1
         self._views: set[tuple[str, int]] = set()
@@ -116,7 +114,8 @@ class RecordingWriter:
         self._open = True
         title = folder_name(self._out.resolve().name if name is None else name, InputError)
         with self._writable():
-            shutil.rmtree(self._partial, ignore_errors=True)
+            self._folder = PartialFolder(self._out)
+            self._partial = self._folder.path
             (self._partial / "cam0" / "data").mkdir(parents=True)
             header: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": title}
             if any(cameras):
@@ -276,15 +275,13 @@ class RecordingWriter:
             raise DataError(f"The recording {self._out} has no frames; add one before it is closed.")
         self._release()
         with self._writable():
-            if self._out.exists():
-                shutil.rmtree(self._out)
-            os.replace(self._partial, self._out)
+            self._folder.take_place()
 
     def discard(self) -> None:
         """Removes what was written; an earlier recording that was to be replaced stays."""
         if self._open:
             self._release()
-            shutil.rmtree(self._partial, ignore_errors=True)
+            self._folder.discard()
 
     def _release(self) -> None:
         self._open = False

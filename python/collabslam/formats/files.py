@@ -7,17 +7,23 @@ file's place first, so that none is ever half written.
 from __future__ import annotations
 
 import contextlib
+import glob
 import os
+import secrets
 import stat
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TypeVar
 
 from collabslam.errors import DataError
 
 LARGEST = 1 << 30
 """Bytes that a file may have which is read as a whole; a day of frames has fewer."""
+T = TypeVar("T")
 PART = ".part"
 """How the name of a file ends that is being written; one that stays was left by a process that was killed."""
+_NAMED = 40
+"""Letters of a file's name that are in the name of what is beside it."""
 
 
 def read_bytes(path: Path, most: int = LARGEST) -> bytes:
@@ -57,6 +63,17 @@ def read_text(path: Path) -> str:
     return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
 
 
+def read_own_text(path: Path) -> str:
+    """The text of a file of a result folder; raises DataError if it is missing, or no text any more."""
+    try:
+        return read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or "it is no text"
+        raise DataError(
+            f"The file {path} cannot be read ({why}); the folder is damaged: run it again, into another one."
+        ) from error
+
+
 def require_regular(path: Path, mode: int | None = None) -> None:
     """Check that a file is a regular one, so that opening it neither waits nor does anything.
 
@@ -85,7 +102,7 @@ def require_regular(path: Path, mode: int | None = None) -> None:
 def remove_parts(folder: Path, names: Iterable[str]) -> None:
     """Remove what killed processes left of the files of these names."""
     for name in names:
-        for part in folder.glob(f".{name}.*{PART}"):
+        for part in folder.glob(f".{glob.escape(name[:_NAMED])}.*{PART}"):
             part.unlink(missing_ok=True)
 
 
@@ -97,11 +114,11 @@ def try_place(path: Path) -> None:
     DataError
         If a folder, a pipe or a device is in its place, or its folder can neither be made nor written.
     """
-    beside = _beside(path)
     try:
         _check_replaceable(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        beside.touch()
+        beside, handle = made_beside(path, PART, _new_file)
+        os.close(handle)
         beside.unlink()
     except OSError as error:
         raise _unwritable(path, error) from error
@@ -112,26 +129,30 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-def write_bytes(path: Path, data: bytes, *, durable: bool = False) -> None:
+def write_bytes(path: Path, data: bytes, *, durable: bool = False, private: bool = False) -> None:
     """Write a whole file beside its place, then move it there.
 
     Parameters
     ----------
     path : Path
+        A link there is replaced, not followed.
     data : bytes
     durable : bool
         Wait until the disk has it, so that it outlives a loss of power.
+    private : bool
+        Only its owner may read it.
 
     Raises
     ------
     DataError
         If the file cannot be written, or a folder, a pipe or a device is in its place: none is replaced.
     """
-    beside = _beside(path)
+    beside = None
     try:
         _check_replaceable(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open("wb") as file:
+        beside, handle = made_beside(path, PART, lambda place: _new_file(place, 0o600 if private else 0o666))
+        with os.fdopen(handle, "wb") as file:
             file.write(data)
             if durable:
                 file.flush()
@@ -140,8 +161,32 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = False) -> None:
     except OSError as error:
         raise _unwritable(path, error) from error
     finally:
-        with contextlib.suppress(OSError):
-            beside.unlink()
+        if beside is not None:
+            with contextlib.suppress(OSError):
+                beside.unlink()
+
+
+def made_beside(path: Path, ending: str, make: Callable[[Path], T]) -> tuple[Path, T]:
+    """What ``make`` makes at a place beside ``path``, and that place, whose name nobody can know before.
+
+    Parameters
+    ----------
+    path : Path
+    ending : str
+        Of the name: ``.NAME.RANDOM`` and this.
+    make : callable
+        Makes something new at a place, as ``os.mkdir`` does, and raises FileExistsError where something is.
+    """
+    while True:
+        beside = path.with_name(f".{path.name[:_NAMED]}.{secrets.token_hex(8)}{ending}")
+        with contextlib.suppress(FileExistsError):
+            return beside, make(beside)
+
+
+def _new_file(path: Path, mode: int = 0o666) -> int:
+    """A handle of a file that was not there, neither as a link."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    return os.open(path, flags, mode)
 
 
 class LineFile:
@@ -150,12 +195,27 @@ class LineFile:
     Parameters
     ----------
     path : Path
-        Of a file that is there; lines are added to its end.
+        Of a regular file that is there; lines are added to its end.
+
+    Raises
+    ------
+    DataError
+        If it is none: a link is not followed, and a pipe not waited for.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file = path.open("ab", buffering=0)
+        flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        try:
+            handle = os.open(path, flags | getattr(os, "O_BINARY", 0))
+        except OSError as error:
+            raise _unwritable(path, error) from error
+        self._file = os.fdopen(handle, "ab", buffering=0)
+        try:
+            require_regular(path, os.fstat(handle).st_mode)
+        except DataError:
+            self._file.close()
+            raise
         self._length = self._file.tell()
 
     def append(self, line: str) -> None:
@@ -189,6 +249,17 @@ class LineFile:
         self._file.close()
 
 
+def open_lines(*paths: Path) -> list[LineFile]:
+    """A `LineFile` of each, or none of them; raises DataError."""
+    with contextlib.ExitStack() as opened:
+        files = []
+        for path in paths:
+            files.append(LineFile(path))
+            opened.callback(files[-1].close)
+        opened.pop_all()
+    return files
+
+
 def _check_replaceable(path: Path) -> None:
     """Raises DataError if something that is not a regular file is in a file's place."""
     if path.exists() and not path.is_file():
@@ -196,10 +267,6 @@ def _check_replaceable(path: Path) -> None:
             f"The file {path} cannot be written (a folder, a pipe or a device is in its place); give another "
             "place."
         )
-
-
-def _beside(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{os.getpid()}{PART}")
 
 
 def _unwritable(path: Path, error: OSError) -> DataError:

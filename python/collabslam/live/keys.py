@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import ipaddress
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -234,11 +233,7 @@ def _write_private(path: Path, key: Any) -> None:
     data = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
-    before = os.umask(0o077)
-    try:
-        write_bytes(path, data)
-    finally:
-        os.umask(before)
+    write_bytes(path, data, private=True)
 
 
 def _general(host: str) -> GeneralName:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,15 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.ros.bag import Bag
 from collabslam.datasets.ros.messages import image_of, pose_and_covariance_of, twist_of
-from collabslam.errors import DataError
+from collabslam.errors import DataError, InputError
 from collabslam.extras import needs
 from collabslam.live import messages
+from collabslam.live.arguments import checked
 from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
 from collabslam.live.monotonic_clock import nanoseconds
+from collabslam.live.plan import LivePlan
 from collabslam.live.views import LiveView, OwnPose, sender_of
-from collabslam.runs.results import jsonable
-from collabslam.targets.kinds import Board, Tag
+from collabslam.types import Array
 
 ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"
@@ -30,26 +30,16 @@ T_CF, BIAS, OWN = "/t_cf", "/t_cf_bias", "/own_pose"
 CLOCK, PLAN, ODOMETRY = "/clock_readings", "/plan", "/odometry"
 ROLES = {"cs": ROBOT_IMAGE, "cf": WORN_IMAGE, "t_cf": T_CF}
 """Topics as ``collabslam.open_recording(path, topics=...)`` takes them, if all cameras have one clock."""
+_TYPES = {
+    ROBOT_IMAGE: messages.IMAGE,
+    WORN_IMAGE: messages.COMPRESSED,
+    T_CF: messages.POSE,
+    BIAS: messages.NUMBERS,
+    OWN: messages.POSE,
+    CLOCK: messages.TIMES,
+    ODOMETRY: messages.TWIST,
+}
 _ROBOT, _WORN = "cs_optical", "cf_optical"
-
-
-@dataclass(frozen=True)
-class LivePlan:
-    """What a live run was asked for: mode, start, settings by their full keys, printed targets as texts, the
-    16 numbers of ``t_bc``, row by row, where there is odometry, and the persons' names, if they have any."""
-
-    mode: str
-    start: str
-    settings: dict[str, Any]
-    tags: list[str]
-    boards: list[str]
-    t_bc: list[float] | None = None
-    persons: list[str] = field(default_factory=list)
-
-    @property
-    def targets(self) -> list[Tag | Board]:
-        """The printed targets."""
-        return [*map(Tag.parse, self.tags), *map(Board.parse, self.boards)]
 
 
 class EventWriter:
@@ -90,7 +80,7 @@ class EventWriter:
         self._persons = set(worn_cameras)
         self._connections: dict[str, Any] = {}
         self._last = 0
-        self._write(PLAN, messages.TEXT, messages.text(json.dumps(jsonable(vars(plan)))), 0.0)
+        self._write(PLAN, messages.TEXT, messages.text(plan.written), 0.0)
         for topic, data in encoded:
             self._write(topic, messages.CAMERA_INFO, data, 0.0)
 
@@ -172,40 +162,68 @@ class EventReader:
                 f"The bag {path} is not a record of a live run; 'collabslam run' reads other bags."
             )
         _, message = next(self._bag.messages(PLAN, messages.TEXT))
-        try:
-            self.plan = LivePlan(**json.loads(message.data))
-        except (TypeError, ValueError) as error:
-            raise DataError(f"The plan in {path} cannot be read ({error}); the record is broken.") from error
+        self.plan = LivePlan.of(str(message.data), str(path))
         self.camera = self._bag.camera(ROBOT_INFO)
         persons = self.plan.persons or ([""] if WORN_INFO in topics else [])
         self.worn_cameras = {name: self._bag.camera(own_topic(name, WORN_INFO)) for name in persons}
 
     def events(self) -> Iterator[Event]:
-        """Each event in the order in which the filter took it."""
+        """Each event in the order in which the filter took it; raises DataError if one is broken."""
         poses: dict[float, Any] = {}
         owns: dict[float, OwnPose] = {}
         # "" too: views of who is none of the persons, which the filter drops in the replay as it did live.
         names = dict.fromkeys((*self.worn_cameras, ""))
         kinds = {own_topic(name, topic): topic for name in names for topic in (T_CF, BIAS, OWN, WORN_IMAGE)}
         kinds |= {topic: topic for topic in (ROBOT_IMAGE, CLOCK, ODOMETRY)}
+        self._check_types(kinds)
         for name, message in self._bag.all_messages(tuple(kinds)):
             topic = kinds[name]
             where = f"{name} in {self._path}"
-            if topic == ROBOT_IMAGE:
-                yield RobotFrame(messages.stamp_of(message), image_of(message, where))
-            elif topic == CLOCK:
-                yield ClockReading(*messages.exchange_of(message))
-            elif topic == ODOMETRY:
-                yield OdometrySample(messages.stamp_of(message), *twist_of(message))
-            elif topic == T_CF:
+            if topic == T_CF:
                 poses = {messages.stamp_of(message): pose_and_covariance_of(message, where)}
             elif topic == BIAS:
-                bias = np.reshape(message.data, (6, 6))
-                poses = {stamp: (*pose, bias) for stamp, pose in poses.items()}
+                bias = _square(message, where)
+                poses = {stamp: (*pose[:2], bias) for stamp, pose in poses.items()}
             elif topic == OWN:
                 owns = {messages.stamp_of(message): OwnPose(*pose_and_covariance_of(message, where))}
             else:
-                stamp = messages.stamp_of(message)
-                session, data = str(message.header.frame_id), message.data.tobytes()
-                pose = poses.get(stamp, ())
-                yield replace(LiveView(session, stamp, data, *pose), own=owns.get(stamp))
+                yield _checked(topic, message, where, poses, owns)
+
+    def _check_types(self, kinds: Mapping[str, str]) -> None:
+        for topic in self._bag.topics:
+            wanted = _TYPES[kinds[topic.name]] if topic.name in kinds else topic.type
+            if topic.type != wanted:
+                raise DataError(
+                    f"The topic {topic.name} of {self._path} is a {topic.type}, not a {wanted}; the record "
+                    "is broken."
+                )
+
+
+def _checked(
+    topic: str, message: Any, where: str, poses: Mapping[float, Any], owns: Mapping[float, OwnPose]
+) -> Event:
+    """A message as the event that it was; raises DataError."""
+    try:
+        return checked(_event(topic, message, where, poses, owns))
+    except InputError as error:
+        raise DataError(f"A message of {where} is none of a live run: {error}") from error
+
+
+def _event(
+    topic: str, message: Any, where: str, poses: Mapping[float, Any], owns: Mapping[float, OwnPose]
+) -> Event:
+    if topic == ROBOT_IMAGE:
+        return RobotFrame(messages.stamp_of(message), image_of(message, where))
+    if topic == CLOCK:
+        return ClockReading(*messages.exchange_of(message))
+    if topic == ODOMETRY:
+        return OdometrySample(messages.stamp_of(message), *twist_of(message))
+    stamp = messages.stamp_of(message)
+    session, data = str(message.header.frame_id), message.data.tobytes()
+    return replace(LiveView(session, stamp, data, *poses.get(stamp, ())), own=owns.get(stamp))
+
+
+def _square(message: Any, where: str) -> Array:
+    if np.size(message.data) != 36:
+        raise DataError(f"A message of {where} has {np.size(message.data)} numbers; 36 are needed.")
+    return np.reshape(np.asarray(message.data, np.float64), (6, 6))

@@ -6,8 +6,6 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from collabslam.errors import SettingsError
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live.core import LiveCore
@@ -44,8 +42,9 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
     except SettingsError as error:
         raise SettingsError(f"The record {record} is of another version. {error}") from error
     cameras = (reader.camera, reader.worn_cameras)
-    t_bc = None if plan.t_bc is None else np.reshape(plan.t_bc, (4, 4))
-    slam = make_slam(*cameras, plan.targets, settings=settings, mode=plan.mode, start=plan.start, t_bc=t_bc)
+    slam = make_slam(
+        *cameras, plan.targets, settings=settings, mode=plan.mode, start=plan.start, t_bc=plan.mount
+    )
     core = LiveCore(slam, targets=plan.targets)
     with contextlib.ExitStack() as stack:
         folder = claim(out, stack, overwrite=overwrite)

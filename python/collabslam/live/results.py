@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import csv
+import io
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.formats.files import LineFile, read_text, write_text
+from collabslam.errors import DataError
+from collabslam.formats.files import open_lines, read_own_text, write_text
 from collabslam.formats.landmarks import write_ply
 from collabslam.formats.trajectory import covariance_line, tum_line, write_covariances, write_tum
 from collabslam.live.core import LivePose
@@ -56,6 +60,11 @@ class LiveResults:
         Frames between two checkpoints.
     resumed : bool
         Whether to go on with the lines that are there.
+
+    Raises
+    ------
+    DataError
+        If the folder cannot be written, or is damaged.
     """
 
     def __init__(
@@ -76,16 +85,21 @@ class LiveResults:
         self.frames, self.statuses, self.links = 0, Counter[str](), Counter[str]()
         if resumed:
             self._take_up()
-            self._worn.take_up()
         else:
+            clear_folder(folder, (ENGINE, MAP, SUMMARY, *PATTERNS))
             write_text(folder / CONFIG, settings.dump(title="as used by a live run"))
             write_text(folder / FRAMES, "")
             none = np.empty(0)
             write_tum(folder / TRAJECTORY, none, np.empty((0, 4, 4)), unit=unit)
             write_covariances(folder / COVARIANCE, none, np.empty((0, 6, 6)), unit)
-            clear_folder(folder, PATTERNS)
-            self._worn.begin()
-        self._frames, self._poses, self._covariances = (LineFile(folder / name) for name in _LINES)
+        self._frames, self._poses, self._covariances = open_lines(*(folder / name for name in _LINES))
+        with contextlib.ExitStack() as opened:
+            opened.callback(self.close)
+            if resumed:
+                self._worn.take_up()
+            else:
+                self._worn.begin()
+            opened.pop_all()
 
     def frame(self, pose: LivePose) -> None:
         """Add a frame, unless it was written before a kill; raises DataError if the disk is full."""
@@ -140,12 +154,33 @@ class LiveResults:
         """Count the lines that are there; one that a killed process left unfinished is cut off."""
         for name in _LINES:
             path = self.folder / name
-            text = read_text(path)
+            text = read_own_text(path)
             if text and not text.endswith("\n"):
                 write_text(path, text[: text.rfind("\n") + 1])
-        rows = read_text(self.folder / FRAMES).splitlines()
-        if rows:
-            self._columns = tuple(rows[0].split(","))
-            self.frames = len(rows) - 1
-        if self.frames > 0:
-            self._last = float(rows[-1].split(",")[self._columns.index("t")])
+        self._columns, self.frames, self._last = written_frames(self.folder / FRAMES)
+
+
+def written_frames(path: Path) -> tuple[tuple[str, ...], int, float]:
+    """Columns of a ``frames.csv``, its frames, and the time of the last, seconds.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged.
+    """
+    text = read_own_text(path)
+    if not text:
+        return (), 0, -float("inf")
+    try:
+        header, *rows = csv.reader(io.StringIO(text), strict=True)
+        at = header.index("t")
+        times = [float(row[at]) for row in rows]
+    except (csv.Error, ValueError, IndexError) as error:
+        raise _damaged(path) from error
+    if any(len(row) != len(header) for row in rows) or not np.isfinite(times).all():
+        raise _damaged(path)
+    return tuple(header), len(rows), max(times, default=-float("inf"))
+
+
+def _damaged(path: Path) -> DataError:
+    return DataError(f"The file {path} is no table of frames; the folder is damaged: leave --resume out.")

@@ -18,8 +18,9 @@ from collabslam.live.cameras import RecordingPlayback
 from collabslam.live.core import Event, LivePose
 from collabslam.live.downlink import Downlink
 from collabslam.live.frame_source import LiveCamera
+from collabslam.live.plan import LivePlan
 from collabslam.live.printed import make_slam
-from collabslam.live.record import EventWriter, LivePlan
+from collabslam.live.record import EventWriter
 from collabslam.live.results import ENGINE, LiveResults
 from collabslam.live.slam import LiveSlam
 from collabslam.live.uplink import Uplink
@@ -130,6 +131,8 @@ class RobotNode:
                 resumed=options.resume,
             )
             stack.callback(results.close)
+            if not options.resume:
+                slam.save(folder / ENGINE)  # a robot that is killed may go on from its first frame
             recorder = self._recorder(worn)
             stack.callback(recorder.close)
             if options.sensors is not None and self.uplink.sensing is not None:
@@ -194,7 +197,9 @@ class RobotNode:
     def _engine(self, folder: Path, worn: Mapping[str, Camera]) -> Slam:
         options = self._options
         if options.resume:
-            return Slam.load(folder / ENGINE)
+            slam = Slam.load(folder / ENGINE)
+            check_cameras(slam, self._camera.camera, worn, folder)
+            return slam
         return make_slam(
             self._camera.camera,
             worn,
@@ -248,6 +253,25 @@ def worn_calibrations(options: RobotOptions, camera: LiveCamera, uplink: Uplink)
     while missing := [name for name in waited if name not in known]:
         known |= uplink.calibrations(missing, 0.2)
     return {name: known[name] for name in names}
+
+
+def check_cameras(slam: Slam, camera: Camera, worn: Mapping[str, Camera], folder: Path) -> None:
+    """Raises DataError if a run that goes on was begun with other cameras."""
+    then, now = (
+        {f"Cf {name}".rstrip(): lens for name, lens in of.items()} for of in (slam.worn_cameras, worn)
+    )
+    then["Cs"], now["Cs"] = slam.camera, camera
+    other = sorted(name for name in then.keys() | now.keys() if not _same(then.get(name), now.get(name)))
+    if other:
+        whose = ", ".join(other)
+        raise DataError(
+            f"The run in {folder} was begun with other calibrations ({whose}); give those, or leave --resume "
+            "out."
+        )
+
+
+def _same(a: Camera | None, b: Camera | None) -> bool:
+    return a is not None and b is not None and a.__getnewargs__() == b.__getnewargs__()
 
 
 class NoRecord:

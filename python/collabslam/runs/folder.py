@@ -14,7 +14,7 @@ from itertools import count
 from pathlib import Path
 
 from collabslam.errors import DataError
-from collabslam.formats.files import read_text
+from collabslam.formats.files import PART, made_beside, read_text
 
 try:
     import fcntl
@@ -120,12 +120,11 @@ def unwritable(folder: Path, error: OSError) -> DataError:
 def _name_latest(folder: Path) -> None:
     """Points the link beside the folder to it; what is not a link of ours is left alone."""
     link = folder.absolute().parent / LATEST
-    beside = link.with_name(f".{LATEST}.{os.getpid()}.part")
     with contextlib.suppress(OSError):
         if link.is_symlink():
             if os.path.dirname(os.readlink(link)):
                 return
         elif link.exists():
             return
-        os.symlink(folder.absolute().name, beside)
+        beside, _ = made_beside(link, PART, lambda place: os.symlink(folder.absolute().name, place))
         os.replace(beside, link)

@@ -27,7 +27,7 @@ import numpy as np
 
 from collabslam.errors import CollabslamError, DataError
 from collabslam.evaluation.record import RunRecord
-from collabslam.formats.files import LineFile, remove_parts, write_text
+from collabslam.formats.files import open_lines, remove_parts, write_text
 from collabslam.formats.landmarks import write_ply
 from collabslam.formats.trajectory import (
     METRES,
@@ -164,7 +164,7 @@ class ResultWriter:
             clear_folder(folder, (*AT_THE_END, TRACEBACK))
         self._columns = self._write_lines()
         self._count = len(self._record)
-        self._frames, self._covariances, self._poses = (LineFile(folder / name) for name in LINES)
+        self._frames, self._covariances, self._poses = open_lines(*(folder / name for name in LINES))
 
     def __enter__(self) -> ResultWriter:
         return self

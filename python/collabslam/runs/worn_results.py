@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.errors import DataError
 from collabslam.evaluation.record import is_valid
 from collabslam.evaluation.worn_places import Places
-from collabslam.formats.files import LineFile, read_text, write_text
+from collabslam.formats.files import LineFile, open_lines, read_own_text, write_text
 from collabslam.formats.trajectory import covariance_header, covariance_line, tum_header, tum_line
 from collabslam.results import PlacedCamera, StepResult
 
@@ -48,7 +49,7 @@ class WornTracks:
 
     def __init__(self, folder: Path, names: Iterable[str], unit: str) -> None:
         self._folder, self._unit = folder, unit
-        self._files: dict[str, tuple[LineFile, LineFile]] = {}
+        self._files: dict[str, list[LineFile]] = {}
         self._last = dict.fromkeys(names, -float("inf"))
 
     def begin(self, steps: Iterable[StepResult] = ()) -> None:
@@ -66,13 +67,16 @@ class WornTracks:
             write_text(poses, tum_header(self._unit, whose) + body)
             body = "".join(covariance_line(place.t, place.covariance) + "\n" for place in places)
             write_text(covariances, covariance_header(self._unit, poses.name) + body)
-            self._files[name] = LineFile(poses), LineFile(covariances)
+            self._files[name] = open_lines(poses, covariances)
 
     def take_up(self) -> None:
-        """Go on with the files that are there; what a killed process left unfinished is cut off."""
+        """Go on with the files that are there; what a killed process left unfinished is cut off.
+
+        Raises DataError if one is missing or damaged otherwise.
+        """
         for name in self._last:
             paths = self._paths(name)
-            texts = [read_text(path) for path in paths]
+            texts = [read_own_text(path) for path in paths]
             lines = [text[: text.rfind("\n") + 1].splitlines(keepends=True) for text in texts]
             heads = [[line for line in each if line.startswith("#")] for each in lines]
             rows = [each[len(head) :] for each, head in zip(lines, heads, strict=True)]
@@ -81,9 +85,9 @@ class WornTracks:
                 whole = "".join((*head, *each[:count]))
                 if whole != text:
                     write_text(path, whole)
-            self._last[name] = float(rows[0][count - 1].split()[0]) if count else -float("inf")
+            self._last[name] = stamp_of_line(paths[0], rows[0][count - 1]) if count else -float("inf")
             poses, covariances = paths
-            self._files[name] = LineFile(poses), LineFile(covariances)
+            self._files[name] = open_lines(poses, covariances)
 
     def frame(self, step: StepResult) -> None:
         """Add a frame's."""
@@ -120,6 +124,17 @@ class WornTracks:
                 self._last[name] = t
                 out.append((name, place))
         return out
+
+
+def stamp_of_line(path: Path, line: str) -> float:
+    """The time with which a line of a trajectory begins; raises DataError if it begins otherwise."""
+    try:
+        t = float(line.split(maxsplit=1)[0])
+    except (ValueError, IndexError):
+        t = np.nan
+    if not np.isfinite(t):
+        raise DataError(f"The last line of {path} has no time; the folder is damaged: run it again.")
+    return t
 
 
 def worn_columns(names: Iterable[str]) -> tuple[str, ...]:

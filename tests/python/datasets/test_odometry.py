@@ -25,7 +25,8 @@ from collabslam.datasets.source import Source
 from collabslam.geometry import pose_inverse
 from collabslam.live import messages
 from collabslam.live.core import LivePose, OdometrySample
-from collabslam.live.record import EventReader, EventWriter, LivePlan
+from collabslam.live.plan import LivePlan
+from collabslam.live.record import EventReader, EventWriter
 from collabslam.live.replay import replay
 from collabslam.live.slam import LiveSlam
 from collabslam.runs.plan import Output

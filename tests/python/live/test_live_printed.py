@@ -14,8 +14,9 @@ from helpers.posted import Posted
 from collabslam import Settings, Tag
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
 from collabslam.live.core import Event, LiveCore, LivePose, RobotFrame
+from collabslam.live.plan import LivePlan
 from collabslam.live.printed import make_slam
-from collabslam.live.record import EventReader, EventWriter, LivePlan
+from collabslam.live.record import EventReader, EventWriter
 from collabslam.live.replay import replay
 from collabslam.live.tracked import OwnWorld
 from collabslam.live.views import UNPOSED, LiveView, OwnPose

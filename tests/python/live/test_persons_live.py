@@ -32,7 +32,8 @@ from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotF
 from collabslam.live.downlink import status_of, view_picture, view_plans_of
 from collabslam.live.gateway import Gateway
 from collabslam.live.link import Address
-from collabslam.live.record import EventReader, EventWriter, LivePlan
+from collabslam.live.plan import LivePlan
+from collabslam.live.record import EventReader, EventWriter
 from collabslam.live.replay import replay
 from collabslam.live.results import LiveResults
 from collabslam.live.robot import RobotNode, RobotOptions, worn_calibrations

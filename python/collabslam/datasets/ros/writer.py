@@ -8,8 +8,6 @@ clock of the frames, and how it sits is on ``/tf_static``.
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from collabslam.datasets.ros.making import (
 )
 from collabslam.errors import DataError
 from collabslam.extras import needs
+from collabslam.formats.partial_folder import PartialFolder
 from collabslam.types import Array, Image, ImuLog, Recording, worn_cameras
 from collabslam.worn_pose import AhrsReading, LaserScan
 from collabslam.worn_pose.readings import Wearer
@@ -95,11 +94,10 @@ def write_bag(
     store = get_typestore(Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
     # The bag's files are named after its folder: it is written under its own name, one folder further down.
-    partial = path.with_name(f".{path.name}.partial")
+    folder = None
     try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        with Writer(partial / path.name, version=Writer.VERSION_LATEST, storage_plugin=plugin) as writer:
+        folder = PartialFolder(path)
+        with Writer(folder.path / path.name, version=Writer.VERSION_LATEST, storage_plugin=plugin) as writer:
             bag = _Bag(writer, store)
             log: ImuLog | None = getattr(recording, "imu", None)
             if log is not None:
@@ -112,11 +110,12 @@ def write_bag(
                 bag.scan(scan)
             for reading in attitudes:
                 bag.attitude(reading)
-        os.replace(partial / path.name, path)
+        folder.take_place(path.name)
     except OSError as error:
         raise DataError(f"The bag {path} cannot be written ({error}); choose another place.") from error
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        if folder is not None:
+            folder.discard()
 
 
 def _write_frame(bag: _Bag, recording: Recording, i: int) -> None:
