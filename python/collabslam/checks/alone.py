@@ -14,21 +14,17 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from collabslam.checks.matching import LEAST_MATCHES, Matches, Points, describe, match_points, sampson
+from collabslam.checks.matching import LEAST_MATCHES, Matches, Points, describe, match_points
 from collabslam.checks.mistakes import MirroredCamera
+from collabslam.checks.relative_turn import CAP_PX, FINE_PX, refined
 from collabslam.checks.samples import spread
-from collabslam.geometry import pose, se3_exp
+from collabslam.geometry import pose
 from collabslam.types import Array, Image
 
 PAIRS = 12
 LEAST_PAIRS = 5
 _MOVED = 0.03
 """Median motion of the points of a pair that says something, as a share of the focal length."""
-_STEPS = 6
-_FINE = 0.3
-"""Residual of a right match, px, below which nothing is gained."""
-_CAP = 3.0
-"""Residual, px, from which on a match counts as wrong."""
 _EXCLUDED = 3.0
 """Standard errors over the pairs by which an excluded focal length fits worse than the best one."""
 FACTORS = np.round(np.geomspace(0.5, 2.0, 29), 3)
@@ -77,7 +73,7 @@ def focal_range(
         return None
     squares = np.array([_left(pair, model) for pair in pairs]) ** 2
     # Pairs of many matches that fit well must not drown the others, nor those that fit badly.
-    costs = squares / np.maximum(squares.min(axis=1, keepdims=True), _FINE**2)
+    costs = squares / np.maximum(squares.min(axis=1, keepdims=True), FINE_PX**2)
     best = int(np.argmin(costs.mean(axis=0)))
     above = costs - costs[:, [best]]
     error = above.std(axis=0, ddof=1) / np.sqrt(len(pairs))
@@ -132,7 +128,7 @@ def _rigid(matches: Matches, model: MirroredCamera) -> Matches:
 
 def _left(matches: Matches, model: MirroredCamera) -> Array:
     """Root mean square residual of a pair for each of `FACTORS`, each with its own motion, px."""
-    out = np.full(len(FACTORS), _CAP)
+    out = np.full(len(FACTORS), CAP_PX)
     a, b = model.rays(matches.uv_a), model.rays(matches.uv_b)
     cv2.setRNGSeed(0)
     essential, _ = cv2.findEssentialMat(a[:, :2], b[:, :2], np.eye(3), cv2.LMEDS, 0.999, 1.0, 300)
@@ -144,29 +140,6 @@ def _left(matches: Matches, model: MirroredCamera) -> Array:
         t_ba = pose(turn, along.ravel())  # each focal length starts from its neighbour's motion
         for k in way:
             scale = np.array([1.0 / FACTORS[k], 1.0 / FACTORS[k], 1.0])
-            t_ba, left = _refined(a * scale, b * scale, t_ba, model.focal * FACTORS[k])
-            out[k] = float(np.sqrt(np.mean(np.minimum(np.abs(left), _CAP) ** 2)))
+            t_ba, left = refined(a * scale, b * scale, t_ba, model.focal * FACTORS[k])
+            out[k] = float(np.sqrt(np.mean(np.minimum(np.abs(left), CAP_PX) ** 2)))
     return out
-
-
-def _refined(a: Array, b: Array, t_ba: Array, pixels: float) -> tuple[Array, Array]:
-    """The motion between rays with z = 1 (N, 3) that leaves least, and the residuals (N,), px."""
-
-    def residuals(t: Array) -> Array:
-        return np.asarray(pixels * sampson(b, a, t))
-
-    step, now = 1e-6, residuals(t_ba)
-    for _ in range(_STEPS):
-        jacobian = np.column_stack(
-            [(residuals(t_ba @ se3_exp(step * axis)) - now) / step for axis in np.eye(6)]
-        )
-        weight = 1.0 / np.maximum(np.abs(now), _FINE)
-        normal = jacobian.T @ (weight[:, None] * jacobian)
-        damped = normal + 1e-6 * np.trace(normal) * np.eye(6)
-        moved = t_ba @ se3_exp(-np.linalg.solve(damped, jacobian.T @ (weight * now)))
-        moved[:3, 3] /= max(float(np.linalg.norm(moved[:3, 3])), 1e-12)
-        changed = residuals(moved)
-        if np.sum(np.minimum(np.abs(changed), _CAP)) >= np.sum(np.minimum(np.abs(now), _CAP)):
-            break
-        t_ba, now = moved, changed
-    return t_ba, now

@@ -21,6 +21,8 @@ LARGE_NIS = 1.5
 """Normalised innovation over its degrees of freedom (1 is expected) that shows a model that does not fit."""
 FEW_MEASURED = 0.1
 """Share of a person's views that are measured at least, unless something is wrong."""
+GYRO_GAPS = 0.1
+"""Share of the frames without a gyroscope that has one which is worth a word."""
 GAP = 3.0
 """Time between frames, in median ones, that counts as a gap."""
 
@@ -33,9 +35,10 @@ def diagnose(run: RunFolder) -> list[str]:
     summary = run.summary()
     if not frames.started.any():
         return [*_never_started(frames, summary), *_worn(frames)]
+    gyro = list(_gyro(frames, summary))
     found = [*_lost(frames), *_degraded(frames), *_tracking(frames), *_consistency(frames)]
     found += [*_clock(frames), *_worn(frames), *_persons(summary), *_scale(frames, summary)]
-    return found or ["Nothing is wrong with this run as far as its diagnostics show."]
+    return [*(found or ["Nothing is wrong with this run as far as its diagnostics show."]), *gyro]
 
 
 class Frames:
@@ -220,6 +223,34 @@ def _persons(summary: dict[str, Any]) -> Iterator[str]:
                 f"Of {views} views of {name} {measured} were measured: they do not overlap with Cs's, or "
                 f"contradict it; check that person's T_CF (collabslam check-calib --worn recorded:{name})."
             )
+
+
+def _gyro(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
+    """Whether a gyroscope was used, and what for."""
+    gyro = summary.get("gyro")
+    if not gyro:
+        return
+    used = frames["gyro_used"] == 1.0
+    count, started = int(used.sum()), int(frames.started.sum())
+    if not count:
+        yield (
+            "The gyroscope turned no frame: its samples do not cover them; put its stamps on the frames' "
+            "clock (timeshift_cam_imu), see collabslam info."
+        )
+        return
+    bare = int(np.sum(used & (np.nan_to_num(frames["accepted"]) < FEW_MATCHES)))
+    blind = f", and alone in {bare} in which fewer than {FEW_MATCHES} matches told it" if bare else ""
+    bias = " ".join(f"{b:.4f}" for b in gyro["bias_rad_s"])
+    sd = max(gyro["bias_sd_rad_s"])
+    yield (
+        f"The gyroscope told how the camera turned in {count} of {started} frames{blind}; its bias is {bias} "
+        f"rad/s (sd {sd:.4f}) at the end."
+    )
+    if count < (1.0 - GYRO_GAPS) * started:
+        yield (
+            f"The gyroscope's samples have gaps: {started - count} frames were predicted without it; see "
+            "collabslam info, and record without other load."
+        )
 
 
 def _scale(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from collabslam.checks.calibration import CalibrationReport
+    from collabslam.checks.gyroscope import GyroReport
     from collabslam.types import Recording
 
 
@@ -31,6 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Print what was found; the status is 1 where something does not fit, or nothing could be checked."""
     from collabslam.checks.calibration import check_persons
+    from collabslam.checks.gyroscope import check_gyroscope
     from collabslam.errors import SettingsError
     from collabslam.runs.report import text_table
     from collabslam.types import worn_cameras
@@ -53,14 +55,18 @@ def main(arguments: argparse.Namespace) -> int:
         rows += [
             [f"{label}, {name}" if len(reports) > 1 else label, text] for label, text in _worn_rows(report)
         ]
-    print(text_table(rows))
-    for line in _sentences(reports):
+    gyro = check_gyroscope(recording)
+    print(text_table([*rows, *_gyro_rows(gyro)]))
+    for line in [*_sentences(reports), *(gyro.findings + gyro.notes if gyro else [])]:
         print(line)
     if all(report.agrees for report in reports.values()):
         print("Calibration, poses and time stamps agree with the images, as far as they were checked.")
+    if gyro is not None and gyro.agrees:
+        print("The gyroscope turns as the images do: its mount and its clock fit.")
     written = arguments.write is None or _write(recording, arguments.write, "".join(names))
-    fits = all(report.checked and not report.findings for report in reports.values())
-    return OK if fits and written else NOT_TRUSTED
+    checked = all(report.checked for report in reports.values()) or (gyro is not None and gyro.agrees)
+    wrong = any(report.findings for report in reports.values()) or (gyro is not None and gyro.findings)
+    return OK if checked and written and not wrong else NOT_TRUSTED
 
 
 def _robot_rows(report: CalibrationReport) -> list[list[str]]:
@@ -85,6 +91,31 @@ def _worn_rows(report: CalibrationReport) -> list[list[str]]:
         metres, degrees, sigmas = report.worn.error
         text = f"{100 * metres:.1f} cm, {degrees:.2f} degrees, {sigmas:.1f} standard deviations"
         rows.append(["correction of T_CF by the images", text])
+    return rows
+
+
+def _gyro_rows(report: GyroReport | None) -> list[list[str]]:
+    """What the images say of the gyroscope."""
+    import numpy as np
+
+    from collabslam.geometry import rotation_log
+    from collabslam.runs.report import number
+
+    if report is None or report.fit is None:
+        return []
+    degrees, fit, sensor = 180.0 / np.pi, report.fit, report.sensor
+    rows = [
+        [f"turns of {report.pairs} pairs without the gyroscope's", number(fit.left, 3, "degrees", degrees)],
+        ["the same by the mount and clock that were told", number(report.told_left, 3, "degrees", degrees)],
+        ["rates that fit best", number(fit.scale, 3, "times the gyroscope's")],
+        ["its bias", "{:.4f} {:.4f} {:.4f} rad/s".format(*fit.bias)],
+    ]
+    if sensor is not None:
+        off = float(np.linalg.norm(rotation_log(sensor.r_ci @ np.asarray(report.told.r_ci).T)))
+        sd = number(sensor.mount_sd, 2, scale=degrees)
+        rows.append(["its mount, from the one that was told", f"{degrees * off:.2f} degrees (sd {sd})"])
+        clock = f"{sensor.time_offset:+.4f} s (sd {number(sensor.time_offset_sd, 4)})"
+        rows.append(["added to its stamps", clock])
     return rows
 
 

@@ -50,22 +50,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Write settings.yaml and camera.yaml, say how to go on."""
+    """Write settings.yaml and camera.yaml, and imu.yaml where there is a gyroscope; say how to go on."""
     from collabslam.errors import DataError
     from collabslam.formats.files import write_text
     from collabslam.settings.table import Settings
 
-    settings, camera = arguments.out / "settings.yaml", arguments.out / "camera.yaml"
-    for path in (settings, camera):
+    settings, camera, imu = (arguments.out / f"{name}.yaml" for name in ("settings", "camera", "imu"))
+    for path in (settings, camera, imu):
         if path.exists():
             raise DataError(f"The file {path} exists already; give another folder with --out.")
     text, complete = _calibration(arguments)
+    known = complete and arguments.board is None
+    sensor = _gyroscope(arguments) if known else None
     write_text(settings, Settings.default().dump(title="defaults, to be changed"))
     write_text(camera, text)
     print(f"settings are in {settings}")
     guess = "" if complete else "; its intrinsics are a guess, replace them"
     print(f"the calibration is in {camera}{guess}")
-    print(f"next: collabslam run {arguments.source} --camera {camera} --config {settings}")
+    beside = ""
+    if sensor is not None:
+        write_text(imu, sensor)
+        print(f"how the gyroscope sits is in {imu}")
+        beside = f" --gyro {arguments.gyro}" if arguments.gyro else ""
+        beside += f" --imu {imu}"
+    elif arguments.gyro is not None and not known:
+        print("how the gyroscope sits: collabslam init again, with that --camera and without --board")
+    print(f"next: collabslam run {arguments.source} --camera {camera} --config {settings}{beside}")
     return OK
 
 
@@ -81,6 +91,35 @@ def _calibration(arguments: argparse.Namespace) -> tuple[str, bool]:
     if pictures is None:
         return _text(options.source_of(arguments).open().camera, f"Camera Cs of {source}"), True
     return _guess(pictures, phone=arguments.phone), False
+
+
+IMU_NOTE = """\
+# Gyroscope of {source}: {told}.
+# Of its noise nothing is known here: its data sheet or an Allan variance says it; doubled it is safe.
+# gyroscope_noise_density: 0.001   # rad/s/sqrt(Hz)
+# gyroscope_random_walk: 0.0001    # rad/s^2/sqrt(Hz)
+# gyro_bias_sd: 0.05               # rad/s
+"""
+
+
+def _gyroscope(arguments: argparse.Namespace) -> str | None:
+    """What to write of the gyroscope; None where there is none, or only pictures are there."""
+    import yaml
+
+    from collabslam.checks.gyroscope import check_gyroscope
+    from collabslam.datasets.imu.description import mapping
+
+    source = options.source_of(arguments)
+    report = check_gyroscope(source.open())
+    if report is None:
+        return None
+    told = "mount and clock are those that fit the images"
+    if report.sensor is None:
+        why = " ".join(report.findings + report.notes)
+        told = "mount and clock are as they were told, the images do not say them"
+        print(f"the gyroscope's mount is not found: {why}")
+    body: str = yaml.safe_dump(mapping(report.sensor or report.told), sort_keys=False)
+    return IMU_NOTE.format(source=arguments.source, told=told) + body
 
 
 def _from_board(arguments: argparse.Namespace, pictures: Pictures) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -398,7 +399,7 @@ def write_recording(
             f"The recording {source} would be destroyed by writing into {out}; give a folder apart from it."
         )
     odometry: Odometry | None = getattr(recording, "odometry", None)
-    log: ImuLog | None = getattr(recording, "imu", None)
+    log = _from_zero(getattr(recording, "imu", None))
     writer = RecordingWriter(
         out,
         recording.camera,
@@ -428,6 +429,15 @@ def write_recording(
     finally:
         writer.discard()
     return out
+
+
+def _from_zero(log: ImuLog | None) -> ImuLog | None:
+    """The same samples by a clock whose stamps are not negative, whole seconds ahead of their own."""
+    if log is None or log.times[0] >= 0.0:
+        return log
+    ahead = float(np.ceil(-log.times[0]))
+    sensor = replace(log.sensor, time_offset=log.sensor.time_offset - ahead)
+    return replace(log, times=log.times + ahead, sensor=sensor)
 
 
 def _named(worn_camera: Camera | Mapping[str, Camera] | None) -> dict[str, Camera]:

@@ -74,7 +74,7 @@ def summary_text(summary: Summary) -> str:
     if not summary["metric"]:
         head += f" (lengths are in {summary['unit']}, not metres)"
     rows = [[label, text(summary)] for label, text in LINES]
-    return head + "\n" + text_table([*rows, *_persons(summary)])
+    return head + "\n" + text_table([*rows, *_gyro(summary), *_persons(summary)])
 
 
 DEGRADED_BY = {
@@ -174,6 +174,20 @@ def _pair(summary: Summary, what: str, digits: int, note: str) -> str:
     """Position and attitude side by side."""
     values = [summary[f"{what}_{part}"] for part in ("position", "attitude")]
     return _MISSING if None in values else ", ".join(number(v, digits) for v in values) + note
+
+
+def _gyro(summary: Summary) -> list[list[str]]:
+    """What a gyroscope gave, and what came out of it."""
+    gyro = summary.get("gyro")
+    if not gyro:
+        return []
+    bias = " ".join(f"{b:.4f}" for b in gyro["bias_rad_s"])
+    clock = number(gyro["clock_offset_s"], 1, "ms", 1e3)
+    return [
+        ["gyroscope", f"{gyro['samples']} samples, turned {gyro['frames']} frames"],
+        ["  bias", f"{bias} rad/s (sd {max(gyro['bias_sd_rad_s']):.4f})"],
+        ["  added to its stamps", f"{clock} (sd {number(gyro['clock_offset_sd_s'], 1, scale=1e3)})"],
+    ]
 
 
 def _persons(summary: Summary) -> list[list[str]]:

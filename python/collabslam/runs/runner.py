@@ -9,8 +9,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from collabslam.datasets.source import Source
 from collabslam.datasets.stamps import usable_frames
 from collabslam.errors import CollabslamError, DataError, FilterError, InputError, SettingsError, Terminated
@@ -24,6 +22,7 @@ from collabslam.runs.interrupts import Interrupts
 from collabslam.runs.plan import MODE_KEY, Interval, Output, Plan
 from collabslam.runs.progress import Progress
 from collabslam.runs.results import ResultWriter, jsonable
+from collabslam.runs.sensors import give_sensors, gyro_numbers
 from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
@@ -34,7 +33,6 @@ from collabslam.types import (
     Frame,
     Image,
     Indices,
-    Odometry,
     Recording,
     WornView,
     worn_cameras,
@@ -48,9 +46,6 @@ class SlamLike(Protocol):
     def step(self, t: float, image: Image, views: Sequence[WornView] = ()) -> StepResult: ...
     def landmarks(self) -> Landmarks: ...
 
-
-LONGEST_ODOMETRY = 2.0
-"""Seconds of odometry before the first frame that a run begins with."""
 
 Watch = Callable[[Frame, Any, Any], None]
 
@@ -243,6 +238,7 @@ def make_engine(
             f"The start 'odometry' needs odometry and {recording.name} has none; give --odometry FILE|TOPIC, "
             "or take another start."
         )
+    log = getattr(recording, "imu", None)
     slam = Slam(
         recording.camera,
         worn_cameras(recording),
@@ -252,20 +248,11 @@ def make_engine(
         target=next(iter(printed), recording.target) if plan.start == "target" else None,
         map=map,
         t_bc=None if odometry is None else odometry.t_bc,
+        imu=None if log is None else log.sensor,
     )
     for target in printed:
         slam.announce(target)
     return slam
-
-
-def give_odometry(slam: Slam, odometry: Odometry, t: float) -> None:
-    """Gives the samples that a frame at ``t`` (seconds) needs: since the last one given, and one after it."""
-    last = slam.filter.odometry_time
-    begin = t - LONGEST_ODOMETRY if last is None else last
-    first = int(np.searchsorted(odometry.times, begin, side="right"))
-    until = int(np.searchsorted(odometry.times, t, side="left")) + 1
-    for k in range(first, min(until, len(odometry))):
-        slam.add_odometry(float(odometry.times[k]), odometry.twists[k], odometry.covariances[k])
 
 
 @dataclass
@@ -341,9 +328,8 @@ class _Run:
 
     def _step(self, t: float, frame: Frame) -> StepResult:
         began = time.perf_counter()
-        odometry = getattr(self.recording, "odometry", None)
-        if odometry is not None and isinstance(self.engine, Slam) and self.plan.metric:
-            give_odometry(self.engine, odometry, t)
+        if isinstance(self.engine, Slam):
+            give_sensors(self.engine, self.recording, t, metric=self.plan.metric)
         if frame.depth is not None and isinstance(self.engine, Slam):
             self.engine.add_depth(frame.depth.uv, frame.depth.depth, frame.depth.sigma)
         step: StepResult = self.engine.step(t, frame.image, frame.views)
@@ -362,6 +348,7 @@ class _Run:
         aligned = align_truth(self.record, truth, metric=self.plan.metric)
         before = getattr(self.recording, "left_out", 0)
         summary["frames_out_of_order"] = before + len(self.recording) - len(usable)
+        summary["gyro"] = gyro_numbers(self.engine, self.recording, self.record)
         submaps = _submaps(self.engine)
         summary["submaps"] = 0 if submaps is None else len(submaps.times)
         summary["loops"] = [] if submaps is None else [asdict(loop) for loop in submaps.loops]
