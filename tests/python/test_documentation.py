@@ -18,6 +18,7 @@ import pytest
 import yaml
 from helpers.bags import Maker
 from helpers.clip import Clip, Short
+from helpers.gyro import lines, of_clip
 from helpers.posted import TAG, paint, walk_past
 from helpers.sensed_person import write_sensor_bag
 from helpers.waiting import LONGEST
@@ -140,6 +141,12 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     sds = np.diag(np.square([0.02, 0.02, 0.05, 0.08, 0.08, 0.02]))[np.tril_indices(6)]
     rows = [",".join(map(str, [f.t, 1.5, 0, 0, 0, 0, 0, *sds])) for f in _frames(short)]
     (folder / "wheels.csv").write_text("\n".join(rows))
+    log = of_clip(clip)
+    stamps = [f"{t:.6f}" for t in log.times.tolist()]
+    (folder / "gyro.csv").write_text(lines(stamps, log.rates @ log.sensor.r_ci.T))
+    (folder / "imu.yaml").write_text(
+        blocks(ROOT / "docs" / "gyroscope.md", "yaml")[0].replace("0.003", "0.0")
+    )
     make_bag(folder / "walk.bag", short)
     write_sensor_bag(folder / "lasers.bag")
     (folder / "sensors.yaml").write_text(blocks(ROOT / "docs" / "own-worn-camera.md", "yaml")[0])

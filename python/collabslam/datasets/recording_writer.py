@@ -243,14 +243,16 @@ class RecordingWriter:
         Raises
         ------
         InputError
-            For wrong shapes, numbers that are not finite, or a stamp that does not follow.
+            For wrong shapes, what `collabslam.Slam.add_gyro` refuses, or a stamp that does not follow.
         DataError
             If the disk is full.
         """
         if not self._open:
             raise InputError("The recording is closed; begin another one, in another folder.")
         stamp = following_stamp(t, self._last_gyro)
-        numbers = list(array_of(rate, (3,), "rate"))
+        turning = array_of(rate, (3,), "rate")
+        Filter.check_gyro(turning)
+        numbers = list(turning)
         forces, first = acceleration is not None, self._last_gyro < 0
         if not first and forces is not self._forces:
             raise InputError("Some samples have an acceleration and some have none; give NaN where it lacks.")
