@@ -68,7 +68,7 @@ def read_own_text(path: Path) -> str:
     try:
         return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "it is no text"
+        why = getattr(error, "strerror", None) or "it is not a text"
         raise DataError(
             f"The file {path} cannot be read ({why}); the folder is damaged: run it again, into another one."
         ) from error

@@ -183,4 +183,4 @@ def written_frames(path: Path) -> tuple[tuple[str, ...], int, float]:
 
 
 def _damaged(path: Path) -> DataError:
-    return DataError(f"The file {path} is no table of frames; the folder is damaged: leave --resume out.")
+    return DataError(f"The file {path} is not a table of frames; the folder is damaged: leave --resume out.")
