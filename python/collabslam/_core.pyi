@@ -9,7 +9,12 @@ from collabslam.frontend.patch import Patch
 
 __all__ = [
     "DESCRIPTOR_SAMPLES",
+    "FEWEST_MATCHES",
+    "LARGEST_PIXEL",
+    "LAST_TIME",
+    "MAX_RANGE_RATIO",
     "MOST_KEPT_POSES",
+    "SURE_LEVEL",
     "TOLD_INFORMATION",
     "UNKNOWN_SPEED",
     "UNKNOWN_TURN",
@@ -100,12 +105,22 @@ __all__ = [
 __version__: str
 DESCRIPTOR_SAMPLES: int
 """Samples along the side of a window that is described."""
+FEWEST_MATCHES: int
+"""Fewest matches that tell one pose."""
+LARGEST_PIXEL: float
+"""Largest coordinate of a pixel that is taken, pixels."""
+LAST_TIME: float
+"""Largest time stamp that is taken, seconds: some thousand years."""
+MAX_RANGE_RATIO: float
+"""Largest relative error of a landmark's range with which it is kept, or helps to find the camera."""
 MOST_KEPT_POSES: int
 """Most frames whose poses the filter keeps for views of Cf of another time."""
 TOLD_INFORMATION: float
 """Information of a direction, over what was thought possible, from which on it counts as told: its
 standard deviation falls to a third.
 """
+SURE_LEVEL: float
+"""Level of a test that calls something impossible: right ones fail it once in ten thousand."""
 UNKNOWN_SPEED: float
 """Standard deviation of each component of the velocity of Cs where nothing tells it, m/s."""
 UNKNOWN_TURN: float

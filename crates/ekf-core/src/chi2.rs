@@ -9,6 +9,9 @@
 //! Arguments out of range: `x <= 0` has probability 0, zero degrees of freedom put all probability at 0; NaN
 //! gives NaN.
 
+/// Level of a test that calls something impossible: right ones fail it once in ten thousand.
+pub const SURE_LEVEL: f64 = 0.9999;
+
 /// `P(X <= x)` for a chi-square variable `X` with `dof` degrees of freedom.
 pub fn cdf(x: f64, dof: f64) -> f64 {
     let (ln_p, ln_q) = ln_tails(x, dof);

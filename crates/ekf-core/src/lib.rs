@@ -47,8 +47,9 @@ pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{
     Bearing, CandidateOutcome, Capture, ConditionalPrediction, ConditioningSet, DepthObservation,
-    Filter, KnownMap, Landmark, MOST_KEPT_POSES, MeasurementOutcome, Measurements,
-    PredictedFeature, Submap, TOLD_INFORMATION, UNKNOWN_SPEED, UNKNOWN_TURN, UpdateReport,
-    ViewTiming, WornObservation, WornPair, WornPose,
+    FEWEST_MATCHES, Filter, KnownMap, Landmark, MAX_RANGE_RATIO, MOST_KEPT_POSES,
+    MeasurementOutcome, Measurements, PredictedFeature, Submap, TOLD_INFORMATION, UNKNOWN_SPEED,
+    UNKNOWN_TURN, UpdateReport, ViewTiming, WornObservation, WornPair, WornPose,
 };
+pub use guard::{LARGEST_PIXEL, LAST_TIME};
 pub use settings::Settings;

@@ -11,8 +11,6 @@ use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector2, Vector3};
 
 /// Directions of map drift: three translations, three turns and the size.
 const DRIFT: usize = 7;
-/// Level of the tests of one match and of all together.
-const LEVEL: f64 = 0.9999;
 /// Most steps of a fit, and the step after which it stands (metres, radians).
 const MOST_STEPS: usize = 20;
 const STANDS: f64 = 1e-9;
@@ -96,8 +94,8 @@ pub fn submap_pnp(
         let Some(worst) = worst else {
             return Ok(None);
         };
-        let fits = all[worst] <= chi2::quantile(LEVEL, 2.0)
-            && squared <= chi2::quantile(LEVEL, dof as f64);
+        let fits = all[worst] <= chi2::quantile(chi2::SURE_LEVEL, 2.0)
+            && squared <= chi2::quantile(chi2::SURE_LEVEL, dof as f64);
         if !fits {
             kept.remove(worst);
             continue;

@@ -26,6 +26,22 @@ mod _core {
     #[pymodule_export]
     const DESCRIPTOR_SAMPLES: usize = ::frontend::describe::SAMPLES;
 
+    /// Fewest matches that tell one pose.
+    #[pymodule_export]
+    const FEWEST_MATCHES: usize = ekf_core::FEWEST_MATCHES;
+
+    /// Largest coordinate of a pixel that is taken, pixels.
+    #[pymodule_export]
+    const LARGEST_PIXEL: f64 = ekf_core::LARGEST_PIXEL;
+
+    /// Largest time stamp that is taken, seconds: some thousand years.
+    #[pymodule_export]
+    const LAST_TIME: f64 = ekf_core::LAST_TIME;
+
+    /// Largest relative error of a landmark's range with which it is kept, or helps to find the camera.
+    #[pymodule_export]
+    const MAX_RANGE_RATIO: f64 = ekf_core::MAX_RANGE_RATIO;
+
     /// Most frames whose poses the filter keeps for views of Cf of another time.
     #[pymodule_export]
     const MOST_KEPT_POSES: usize = ekf_core::MOST_KEPT_POSES;
@@ -34,6 +50,10 @@ mod _core {
     /// standard deviation falls to a third.
     #[pymodule_export]
     const TOLD_INFORMATION: f64 = ekf_core::TOLD_INFORMATION;
+
+    /// Level of a test that calls something impossible: right ones fail it once in ten thousand.
+    #[pymodule_export]
+    const SURE_LEVEL: f64 = ekf_core::chi2::SURE_LEVEL;
 
     /// Standard deviation of each component of the velocity of Cs where nothing tells it, m/s.
     #[pymodule_export]

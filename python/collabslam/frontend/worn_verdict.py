@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam._core import MatchNoise, chi2_quantile, epipolar_residuals, find_consensus
+from collabslam._core import SURE_LEVEL, MatchNoise, chi2_quantile, epipolar_residuals, find_consensus
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.types import Array
 
@@ -32,8 +32,6 @@ SIGMA, LIMIT = 1.0, 3.0
 """Of a right match's residual, and the largest of one that agrees, px."""
 INDEPENDENT = 20
 """Matches of a view whose residuals are taken as independent."""
-_LEVEL = 0.9999
-"""Level of each of the two tests of a view."""
 _LINES = 5
 """Numbers of T_CF that epipolar lines depend on."""
 
@@ -82,9 +80,9 @@ def ask_images(
         name: _left(rays_s, rays_f, pose, focal) + float(moved[name] @ np.linalg.solve(prior, moved[name]))
         for name, pose, prior in (("free", free.t_cf, WIDE * covariance), ("bound", bound.t_cf, covariance))
     }
-    less = (costs["bound"] - costs["free"]) / chi2_quantile(_LEVEL, _LINES)
+    less = (costs["bound"] - costs["free"]) / chi2_quantile(SURE_LEVEL, _LINES)
     farthest = float(np.max(moved["bound"] ** 2 / np.diag(covariance)))
-    one_of_six = chi2_quantile(1.0 - (1.0 - _LEVEL) / 6.0, 1)
+    one_of_six = chi2_quantile(1.0 - (1.0 - SURE_LEVEL) / 6.0, 1)
     return Verdict(moved["free"], free.covariance, max(less, farthest / one_of_six))
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
+from collabslam._core import settings_schema
+
+MODES: tuple[str, ...] = next(row[6] for row in settings_schema() if row[0] == "estimator.mode")
 """`mono`: delayed births only.  `mono-undelayed`: Civera's births.  `collab-init`: Cf gives births only.
 `collab`: Cf gives births and points with depth (the paper).  `collab-tight`: Cf's pixels are measured, with
 T_CF in the state."""

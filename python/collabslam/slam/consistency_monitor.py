@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import FilterSettings, MeasurementOutcomes, UpdateReport, chi2_quantile
+from collabslam._core import SURE_LEVEL, FilterSettings, MeasurementOutcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
 from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
 from collabslam.slam.map.size import MapSize
@@ -32,8 +32,6 @@ _LAST_BIRTHS = 100
 """Frames that the test of new points looks back on: there are few of them in a frame."""
 _LEAST = 5
 """Frames, or views, that say something together."""
-_LEVEL = 0.9999
-"""Level of each test."""
 _NO_VIEWS: dict[str, Any] = {"against": np.empty(0), "matches": np.empty((0, 2)), "without": 0}
 _STRAYS = 0.01
 """Share of new points that may stray in a scene that stands still, by a wrong match."""
@@ -148,7 +146,7 @@ class ConsistencyMonitor(PersistentState):
     def _too_loud(self) -> bool:
         """Whether innovations are larger than their covariance allows."""
         nis, dof = self._noise.sum(axis=0)
-        return bool(len(self._noise) >= _LEAST and dof >= 1.0 and nis > chi2_quantile(_LEVEL, dof))
+        return bool(len(self._noise) >= _LEAST and dof >= 1.0 and nis > chi2_quantile(SURE_LEVEL, dof))
 
 
 def _too_many(counts: Array, expected: float) -> bool:
@@ -156,7 +154,7 @@ def _too_many(counts: Array, expected: float) -> bool:
     events, all_ = counts.sum(axis=0)
     if len(counts) < _LEAST or events < 1.0:
         return False
-    return bool(0.5 * chi2_quantile(1.0 - _LEVEL, 2.0 * events) > expected * all_)
+    return bool(0.5 * chi2_quantile(1.0 - SURE_LEVEL, 2.0 * events) > expected * all_)
 
 
 def _last(kept: Array, new: object, count: int) -> Array:

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from collabslam._core import LARGEST_PIXEL
 from collabslam.formats.schema import Check, array, fields, instance, items, number, pose, refuse, text, whole
 from collabslam.frontend.patch import Patch
-
-FARTHEST_PIXEL = 1e6
-SECONDS = 1e11
-"""Bounds of what the filter takes, pixels and seconds."""
 
 
 class PersistentState:
@@ -55,7 +52,7 @@ def persistent_parts(owner: object) -> dict[str, PersistentState]:
 def check_pixel(value: Any, where: str) -> None:
     """(2,) pixels."""
     array("<f8", 2)(value, where)
-    if float(abs(value).max()) > FARTHEST_PIXEL:
+    if float(abs(value).max()) > LARGEST_PIXEL:
         refuse(where, "a pixel")
 
 
@@ -67,7 +64,7 @@ def _window(value: Any, where: str) -> None:
 
 def _check_inside(value: Any, where: str) -> None:
     array("<f8", 4)(value, where)
-    if not (value >= 0.0).all() or not (value <= FARTHEST_PIXEL).all():
+    if not (value >= 0.0).all() or not (value <= LARGEST_PIXEL).all():
         refuse(where, "a part of the window")
 
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
-from collabslam._core import LostSettings
+from collabslam._core import LAST_TIME, LostSettings
 from collabslam.formats.schema import Check, flag, number, optional, whole
-from collabslam.slam.state import SECONDS, PersistentState
+from collabslam.slam.state import PersistentState
 from collabslam.types import Status
 
 _MIN_SHARE = 0.15
@@ -32,7 +32,7 @@ class StatusMonitor(PersistentState):
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
-        "_last_ok": optional(number(-SECONDS, SECONDS)),
+        "_last_ok": optional(number(-LAST_TIME, LAST_TIME)),
         "_failed": whole(0),
         "lost": flag,
         "found": flag,

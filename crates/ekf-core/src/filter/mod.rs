@@ -28,7 +28,8 @@ pub use input::measurements::{
 };
 pub use map::known_map::KnownMap;
 pub use map::landmarks::Landmark;
-pub use map::submap::Submap;
+pub use map::relocalisation::FEWEST_MATCHES;
+pub use map::submap::{MAX_RANGE_RATIO, Submap};
 pub use memory::candidate::CandidateOutcome;
 pub use memory::pose_ring::MOST_KEPT_POSES;
 pub use persist::snapshot;

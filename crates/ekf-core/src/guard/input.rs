@@ -8,10 +8,10 @@ use crate::observe::feature::FARTHEST;
 use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2};
 
 /// Largest time stamp, seconds: some thousand years; nanoseconds since 1970 are far beyond.
-pub(crate) const LAST_TIME: f64 = 1e11;
+pub const LAST_TIME: f64 = 1e11;
 
-/// Largest coordinate of a pixel.
-const LARGEST_PIXEL: f64 = 1e6;
+/// Largest coordinate of a pixel, pixels.
+pub const LARGEST_PIXEL: f64 = 1e6;
 
 /// Largest variance that is given with a measurement, m^2 or rad^2: a standard deviation of a kilometre.
 const LARGEST_VARIANCE: f64 = 1e6;

@@ -6,9 +6,10 @@
 mod input;
 mod state;
 
+pub use input::{LARGEST_PIXEL, LAST_TIME};
 pub(crate) use input::{
-    LAST_TIME, check_bias, check_once, check_pixels, check_pose, check_rigid, depth, is_covariance,
-    lengths, pixel, variances,
+    check_bias, check_once, check_pixels, check_pose, check_rigid, depth, is_covariance, lengths,
+    pixel, variances,
 };
 pub(crate) use state::{
     ROUNDING, attitude_is_sane, moved_is_sane, newborn_is_located, newborn_is_sane, prediction,

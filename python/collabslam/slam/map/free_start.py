@@ -7,12 +7,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import Camera, Filter
+from collabslam._core import LARGEST_PIXEL, LAST_TIME, Camera, Filter
 from collabslam.formats.schema import Check, array, items, number, optional, refuse
 from collabslam.frontend.flow import there_and_back
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.start import Start
-from collabslam.slam.state import FARTHEST_PIXEL, SECONDS
 from collabslam.slam.view import View
 from collabslam.types import Array, Image, Mask
 
@@ -41,7 +40,7 @@ class FreeStart(Start):
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_reference": optional(array("|u1", None, None)),
-        "_times": items(number(-SECONDS, SECONDS)),
+        "_times": items(number(-LAST_TIME, LAST_TIME)),
         "_views": items(array("<f8", None, 2)),
     }
 
@@ -63,7 +62,7 @@ class FreeStart(Start):
             refuse("views", "of the same points, one for each time")
         if len(self._views) > _VIEWS or any(len(v) > _POINTS for v in self._views):
             refuse("views", "as few as are kept")
-        if any(np.abs(v).max(initial=0.0) > FARTHEST_PIXEL for v in self._views):
+        if any(np.abs(v).max(initial=0.0) > LARGEST_PIXEL for v in self._views):
             refuse("views", "pixels")
 
     def begin(self, view: View, born: ImagePoints, count: int) -> MapChange:

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from collabslam._core import Camera, Filter, UpdateReport
+from collabslam._core import LAST_TIME, MAX_RANGE_RATIO, Camera, Filter, UpdateReport
 from collabslam.formats.schema import Check, items, number, optional, table, whole
 from collabslam.frontend.describe import SUPPORT, Descriptors
 from collabslam.frontend.map_views import MapViews
@@ -21,7 +21,7 @@ from collabslam.frontend.place_recognition import MIN_PATCHES, Fix, describe_vie
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.slam.recovery.inactive_map import InactiveMap, check_inactive_map
-from collabslam.slam.state import PATCH, SECONDS, PersistentState
+from collabslam.slam.state import PATCH, PersistentState
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.tracking.tracks import Tracks
 from collabslam.slam.view import View
@@ -33,8 +33,6 @@ EVERY = 0.5
 """Time from one frame whose landmarks are kept as views to the next, seconds."""
 VIEWS = 3
 """Views kept of a landmark beside its first, the latest ones: 2 kB of memory each."""
-MAX_RHO_RATIO = 0.3
-"""Largest sd(rho) / rho of a landmark that helps to find the camera: the range of others is hardly known."""
 
 MAX_INACTIVE = 4
 """Inactive maps, at most; beyond it the second oldest goes, as the first is the one best tied to W."""
@@ -55,10 +53,10 @@ class Relocaliser(PersistentState):
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_views": table(int, items(PATCH)),
-        "_last": optional(number(-SECONDS, SECONDS)),
+        "_last": optional(number(-LAST_TIME, LAST_TIME)),
         "_attempts": whole(0),
         "_inactive": items(check_inactive_map),
-        "_looked_back": optional(number(-SECONDS, SECONDS)),
+        "_looked_back": optional(number(-LAST_TIME, LAST_TIME)),
     }
 
     def __init__(self, core: Filter, camera: Camera, tracks: Tracks, options: FrontendSettings) -> None:
@@ -105,7 +103,7 @@ class Relocaliser(PersistentState):
     def map_in_use(self, printed: PrintedTargets) -> InactiveMap:
         """The map that the camera is in, with the printed targets in it, to be made inactive."""
         known, landmarks = self._core.known_map(), self._core.landmarks()
-        good = landmarks.rho_ratio < MAX_RHO_RATIO
+        good = landmarks.rho_ratio < MAX_RANGE_RATIO
         return InactiveMap(
             known.landmarks,
             known.covariance,
@@ -156,7 +154,7 @@ class Relocaliser(PersistentState):
 
     def _in_use(self, view: View, rolls: tuple[float, ...]) -> Recovered | None:
         landmarks = self._core.landmarks()
-        use = np.flatnonzero(landmarks.rho_ratio < MAX_RHO_RATIO)
+        use = np.flatnonzero(landmarks.rho_ratio < MAX_RANGE_RATIO)
         ids = landmarks.ids[use]
         fix = self._locate(view, landmarks.points[use], self.views(ids), rolls)
         if fix is None:

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collabslam._core import Edge, Factor, PoseGraph, adjoint, pose_inverse
+from collabslam._core import LAST_TIME, Edge, Factor, PoseGraph, adjoint, pose_inverse
 from collabslam.errors import FilterError
 from collabslam.formats.schema import array, covariance, fields, instance, items, number, pose, refuse, whole
 from collabslam.frontend.patch import Patch
 from collabslam.results import Loop
-from collabslam.slam.state import PATCH, SECONDS
+from collabslam.slam.state import PATCH
 from collabslam.types import Array, Ids, Indices
 
 RECALLED = 1000
@@ -254,7 +254,7 @@ def _check_submap(value: Any, where: str) -> None:
     n = len(value.ids)
     instance(
         Submap,
-        t=number(-SECONDS, SECONDS),
+        t=number(-LAST_TIME, LAST_TIME),
         pose=pose,
         pose_covariance=covariance(6),
         points=array("<f8", n, 3),
@@ -271,8 +271,8 @@ _LOOP = instance(
     Loop,
     first=whole(0),
     second=whole(0),
-    t_first=number(-SECONDS, SECONDS),
-    t_second=number(-SECONDS, SECONDS),
+    t_first=number(-LAST_TIME, LAST_TIME),
+    t_second=number(-LAST_TIME, LAST_TIME),
     matches=whole(0),
     residual_m=number(),
     residual_deg=number(),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam._core import (
+    SURE_LEVEL,
     Camera,
     Factor,
     PosedNode,
@@ -37,8 +38,6 @@ from collabslam.types import Ids, Image
 
 CANDIDATES = 2
 """Earlier submaps that the image is compared with, at most, each time that one ends."""
-LEVEL = 0.9999
-"""Of the chi-square test of a loop against what the graph knows."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ class LoopSearch:
         factor = Factor.of_submap_pnp(first, second, found)
         before = chain.solved
         chi2 = before.graph.distance(factor)
-        if chi2 > chi2_quantile(LEVEL, 6.0):
+        if chi2 > chi2_quantile(SURE_LEVEL, 6.0):
             return None
         off = pose_inverse(pose_inverse(before.poses[first]) @ before.poses[second]) @ found.pose
         loop = Loop(

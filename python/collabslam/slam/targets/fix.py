@@ -11,15 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from collabslam._core import Camera, Filter
+from collabslam._core import FEWEST_MATCHES, Camera, Filter
 from collabslam.frontend.place_recognition import Fix
 from collabslam.geometry import nearest_rotation, pose, pose_inverse, se3_log
 from collabslam.slam.targets.in_map import SeenTarget
 from collabslam.targets.printed import AMBIGUOUS, planar_solutions
 from collabslam.types import Array, Ids
 
-FEWEST = 4
-"""Corners of a target in the map that it takes to tell the pose."""
 BELIEVABLE = 22.5
 """Chi square of six numbers (99.9 %): a prediction further off than that was wrong, and chooses nothing."""
 
@@ -44,12 +42,12 @@ def fixes(
     ids, places = known
     row = {i: k for k, i in enumerate(ids.tolist())}
     held = [(s, np.array([k for k, i in enumerate(s.ids.tolist()) if i in row], np.int64)) for s in seen]
-    held = [(s, at) for s, at in held if len(at) >= FEWEST]
+    held = [(s, at) for s, at in held if len(at) >= FEWEST_MATCHES]
     if not held:
         return
     all_ids = np.concatenate([s.ids[at] for s, at in held])
     uv = np.concatenate([s.uv[at] for s, at in held])
-    least = max(FEWEST, len(all_ids) // 2 + 1)
+    least = max(FEWEST_MATCHES, len(all_ids) // 2 + 1)
     for s, at in held:
         points = places[[row[i] for i in s.ids[at].tolist()]]
         t_wt = _rigid(s.target.corners()[at], points)

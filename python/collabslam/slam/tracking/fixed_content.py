@@ -11,9 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from collabslam._core import Camera
+from collabslam._core import LARGEST_PIXEL, Camera
 from collabslam.formats.schema import Check, array, refuse
-from collabslam.slam.state import FARTHEST_PIXEL, PersistentState
+from collabslam.slam.state import PersistentState
 from collabslam.types import Array, Mask
 
 _REACH = 0.05
@@ -48,7 +48,7 @@ class FixedContent(PersistentState):
         super().restore(state)
         if len(self._places) != len(self._left) or len(self._left) > _MOST:
             refuse("places fixed to the camera", "as many as their frames, 500 at most")
-        if np.abs(self._places).max(initial=0.0) > FARTHEST_PIXEL:
+        if np.abs(self._places).max(initial=0.0) > LARGEST_PIXEL:
             refuse("places fixed to the camera", "pixels")
 
     @property

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import Camera, ConditionalPrediction, Prediction, SearchResult
+from collabslam._core import LAST_TIME, Camera, ConditionalPrediction, Prediction, SearchResult
 from collabslam.formats.schema import (
     Check,
     array,
@@ -27,7 +27,7 @@ from collabslam.frontend.patch import Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, GATE, WIDE, active_search, wide_ellipses
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
-from collabslam.slam.state import PATCH, SECONDS, PersistentState, check_pixel
+from collabslam.slam.state import PATCH, PersistentState, check_pixel
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Image, Mask
 
@@ -105,7 +105,7 @@ class Tracks(PersistentState):
         "_last": table(int, check_pixel),
         "_candidate_last": table(int, check_pixel),
         "_previous": optional(instance(FlowImage, image=array("|u1", None, None), factor=whole(1, 2))),
-        "_previous_time": optional(number(-SECONDS, SECONDS)),
+        "_previous_time": optional(number(-LAST_TIME, LAST_TIME)),
         "_low_track": flag,
     }
 

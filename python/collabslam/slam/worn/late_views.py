@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import MOST_KEPT_POSES, Camera, Filter, SearchResult
+from collabslam._core import LAST_TIME, MOST_KEPT_POSES, Camera, Filter, SearchResult
 from collabslam.errors import InputError
 from collabslam.formats.schema import (
     Check,
@@ -35,7 +35,7 @@ from collabslam.frontend.patch import SIZE
 from collabslam.frontend.search import FOUND
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
-from collabslam.slam.state import SECONDS, PersistentState
+from collabslam.slam.state import PersistentState
 from collabslam.slam.tracking.tracks import TrackingResult, Tracks
 from collabslam.slam.view import View
 from collabslam.slam.worn.matcher import WornMatcher
@@ -86,7 +86,7 @@ class KeptFrame:
     candidate_uv: Array
 
 
-_TIME = number(-SECONDS, SECONDS)
+_TIME = number(-LAST_TIME, LAST_TIME)
 _VIEW = instance(
     WornView,
     image=array("|u1", None, None),
@@ -133,7 +133,7 @@ class LateViews(PersistentState):
         "_pending": items(_VIEW),
         "_frames": items(_frame),
         "_async_views_seen": flag,
-        "_latenesses": items(number(-SECONDS, SECONDS)),
+        "_latenesses": items(number(-LAST_TIME, LAST_TIME)),
         "dropped": table(str, whole(0)),
         "used": items(_VIEW),
     }

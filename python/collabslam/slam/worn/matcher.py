@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from collabslam._core import Camera, Filter
+from collabslam._core import LAST_TIME, Camera, Filter
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Hidden
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
@@ -15,7 +15,6 @@ from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.images import check_grey
 from collabslam.settings.table import Settings
-from collabslam.slam.state import SECONDS
 from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.overlap import Overlap
@@ -103,7 +102,7 @@ class WornMatcher:
             raise InputError(
                 "the covariance of T_CF is singular; give every direction a standard deviation."
             ) from error
-        if worn.t is not None and not abs(worn.t) <= SECONDS:
+        if worn.t is not None and not abs(worn.t) <= LAST_TIME:
             raise InputError(f"the worn view's time is {worn.t}; give seconds, by the clock of Cs's stamps.")
         return replace(worn, image=image)
 

@@ -32,10 +32,7 @@ const WIDE: f64 = 100.0;
 const MAX_CONDITION: f64 = 1e10;
 
 /// Fewest matches that tell one pose.
-const FEWEST: usize = 4;
-
-/// Level of the test whether prediction excludes where the camera was found.
-const EXCLUDED: f64 = 0.9999;
+pub const FEWEST_MATCHES: usize = 4;
 
 impl Filter {
     /// Puts a lost camera where its matches with the map say, and discards its former estimate.
@@ -51,7 +48,7 @@ impl Filter {
     ///
     /// # Errors
     /// `NonFinite`, `UnknownFeature`, `InvalidInput` (before the start, an id given twice, no rotation matrix, a `least`
-    /// below [`FEWEST`]); the filter stays as it was.
+    /// below [`FEWEST_MATCHES`]); the filter stays as it was.
     pub fn relocalise(
         &mut self,
         pose: &Pose,
@@ -62,10 +59,12 @@ impl Filter {
         self.memory.check_started()?;
         check_rigid("pose", pose)?;
         let least = least.unwrap_or(self.setup.settings.lost.min_matches);
-        if least < FEWEST {
+        if least < FEWEST_MATCHES {
             return Err(EkfError::InvalidInput {
                 what: "least",
-                why: format!("{least} points may leave several poses; give {FEWEST} or more"),
+                why: format!(
+                    "{least} points may leave several poses; give {FEWEST_MATCHES} or more"
+                ),
             });
         }
         let z = Measurements {
@@ -175,7 +174,7 @@ impl Filter {
         let away = away.log();
         let excludes = |covariance: Matrix6<f64>| {
             let distance = covariance.cholesky().map(|c| away.dot(&c.solve(&away)));
-            distance.is_some_and(|d| d > chi2::quantile(EXCLUDED, 6.0))
+            distance.is_some_and(|d| d > chi2::quantile(chi2::SURE_LEVEL, 6.0))
         };
         report.jumped = excludes(apart);
         if excludes(apart - both - both.transpose()) && predicted {

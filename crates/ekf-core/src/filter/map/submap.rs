@@ -15,8 +15,8 @@ use crate::scale::by_state;
 use crate::state::{Block, BlockKind, LinearPart, State, transferred_dim};
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector3};
 
-/// Largest relative error of a landmark's range with which it is taken down.
-const MAX_RANGE_RATIO: f64 = 0.3;
+/// Largest relative error of a landmark's range with which it is taken down, or helps to find the camera.
+pub const MAX_RANGE_RATIO: f64 = 0.3;
 
 /// A submap that has ended.
 #[derive(Clone, Debug)]

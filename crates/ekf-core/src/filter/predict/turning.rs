@@ -1,6 +1,7 @@
 //! A prediction that takes the camera's turn from two images, where the map does not tell it (METHOD 27).
 
 use super::odometry::camera_of;
+use crate::chi2::SURE_LEVEL;
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::wheels::Wheels;
@@ -24,9 +25,6 @@ const UNTOLD: f64 = 1e6;
 /// Least standard deviation of the points that agree along each side of the image, as a share of that side: where they are all
 /// over it, it is 0.29.
 const SPREAD: f64 = 0.12;
-
-/// Level of the test whether a motion is one that the camera can have made.
-const LEVEL: f64 = 0.9999;
 
 impl Filter {
     /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show:
@@ -94,7 +92,13 @@ impl Filter {
         let block: CameraMatrix = kept.state.p.block(0, 0);
         let mut motion = Motion::new(camera_of(&kept.state));
         let reading = self.reading(&seen, &kept.state, dt);
-        if !motion.may_be(dt, &reading, &block, &self.setup.settings.process, LEVEL) {
+        if !motion.may_be(
+            dt,
+            &reading,
+            &block,
+            &self.setup.settings.process,
+            SURE_LEVEL,
+        ) {
             return None;
         }
         motion.follow(

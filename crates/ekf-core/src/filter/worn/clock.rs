@@ -13,8 +13,6 @@ pub const TOLD_INFORMATION: f64 = 8.0;
 /// How often its noise the twist must be for a view to teach the clock, as with odometry's scales (METHOD 23): by noise alone a
 /// clock seems less off than it is, by one over the square of it, which is 2 ms of 50.
 const CLEAR: f64 = 5.0;
-/// How sure it must be that Cs moves otherwise than in the views so far.
-const CHANGED: f64 = 0.9999;
 
 /// What is known of T_CF's error before a view.
 pub(crate) struct ViewPrior {
@@ -160,7 +158,7 @@ fn stands_out(change: &Vector6<f64>, noise: &Matrix6<f64>, at: usize) -> bool {
     let size = noise
         .cholesky()
         .map(|noise| change.dot(&noise.solve(&change)));
-    size.is_some_and(|size| size > chi2::quantile(CHANGED, 3.0))
+    size.is_some_and(|size| size > chi2::quantile(chi2::SURE_LEVEL, 3.0))
 }
 
 fn of_error(state: &State, at: usize) -> Matrix6<f64> {
