@@ -72,7 +72,7 @@ class InStep(RecordingPlayback):
     @staticmethod
     def send(device: WornDevice, camera: RecordingPlayback, robot: threading.Thread) -> None:
         """What a device sends until the robot is done; never as datagrams, which may be lost."""
-        device.way.datagrams = lambda sent: False  # type: ignore[method-assign]
+        device.transport.datagrams = lambda sent: False  # type: ignore[method-assign]
         send_all(device, camera, lambda: not robot.is_alive())
         robot.join()
 

@@ -9,18 +9,21 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-"""What ends a scan of a JPEG."""
-_MOST_SCANS = 64
-"""Of a JPEG; cameras and programs write a dozen, and each costs a pass over the whole picture."""
+from collabslam.datasets.jpeg_header import read_jpeg
+
+_MOVING = (b"acTL", b"fcTL", b"fdAT")
+"""Pieces of a PNG that moves; its later pictures have sizes of their own."""
 SIGNATURES = "PNG, JPEG, TIFF, BMP, PGM and PPM"
+
+
+_MOST_TAGS = 1000
 
 
 class Header(NamedTuple):
     """``kind`` of the file, ``width`` and ``height`` in pixels.
 
     ``bits`` of a sample: 8 or less, or what a deeper image says it uses (16 if it says nothing).
-    ``stated`` is whether it says so.
+    ``stated`` is whether it says so.  ``passes`` over the whole picture are what decoding it costs.
     """
 
     kind: str
@@ -28,6 +31,7 @@ class Header(NamedTuple):
     height: int
     bits: int = 8
     stated: bool = True
+    passes: int = 1
 
 
 def read_header(data: bytes) -> Header | None:
@@ -58,35 +62,16 @@ def _png(data: bytes) -> Header | None:
         if kind == b"sBIT" and bits == 16 and 1 <= length <= 4:
             bits, stated = max(data[at + 8 : at + 8 + length]), True
         at += 12 + length
+        if kind in _MOVING:
+            return None
         if kind == b"IEND":
             return Header("PNG", width, height, bits, stated) if at <= len(data) else None
     return None
 
 
 def _jpeg(data: bytes) -> Header | None:
-    """From the frame header, if all segments up to the picture's end are whole; what follows is a trailer."""
-    at, found, scans = 2, None, 0
-    while at + 2 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker == 0xD9:
-            return found if scans else None
-        if marker == 0xFF or marker == 0x01 or 0xD0 <= marker <= 0xD7:  # without a length
-            at += 1 if marker == 0xFF else 2
-            continue
-        length = int.from_bytes(data[at + 2 : at + 4], "big")
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            if found is not None or at + 9 > len(data):
-                return None
-            height, width = (int.from_bytes(data[at + k : at + k + 2], "big") for k in (5, 7))
-            found = Header("JPEG", width, height)
-        at += 2 + max(length, 2)
-        if marker == 0xDA:
-            scans += 1
-            after = _MARKER.search(data, at)
-            if after is None or scans > _MOST_SCANS:
-                return None
-            at = after.start()
-    return None
+    frame = read_jpeg(data)
+    return None if frame is None else Header("JPEG", frame.width, frame.height, passes=frame.scans)
 
 
 def _bmp(data: bytes) -> Header | None:
@@ -97,7 +82,7 @@ def _bmp(data: bytes) -> Header | None:
 
 
 def _netpbm(data: bytes) -> Header | None:
-    words = re.sub(rb"#[^\n]*", b" ", data[2:512]).split()
+    words = re.sub(rb"#[^\r\n]*", b" ", data[2:512]).split()
     needed = 2 if data[1:2] in b"14" else 3
     if len(words) < needed or not all(w.isdigit() and len(w) < 10 for w in words[:needed]):
         return None
@@ -117,13 +102,17 @@ def _tiff(data: bytes) -> Header | None:
     if first + 2 > len(data):
         return None
     tags: dict[int, int] = {}
-    for k in range(min(number(first, 2), 1000)):
+    seen: set[int] = set()
+    if number(first, 2) > _MOST_TAGS:
+        return None
+    for k in range(number(first, 2)):
         at = first + 2 + 12 * k
         kind, count = number(at + 2, 2), number(at + 4, 4)
         size = {1: 1, 3: 2, 4: 4}.get(kind)
+        if number(at, 2) in seen or (number(at, 2) in (256, 257) and count != 1):
+            return None  # decoders differ about which of them holds
+        seen.add(number(at, 2))
         if size is not None and at + 12 <= len(data):
-            if number(at, 2) in tags:
-                return None  # decoders differ about which of them holds
             place = at + 8 if size * count <= 4 else number(at + 8, 4)
             tags[number(at, 2)] = number(place, size)
     if 256 not in tags or 257 not in tags:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, SupportsFloat, cast
 
 import numpy as np
@@ -65,20 +66,19 @@ def checked(event: Any) -> Event:
         return odometry_sample(event.t, event.twist, event.covariance)
     if isinstance(event, LiveView):
         told = (event.session, event.stamp, event.image, event.t_cf, event.covariance, event.bias)
-        view = live_view(*told)
-        return view if event.own is None else _with_own(view, event.own)
+        own = None if event.own is None else _own_pose(event.own)
+        pixels = None if event.pixels is None else _pixels(event.pixels)
+        return replace(live_view(*told), own=own, pixels=pixels)
     raise InputError(f"A {type(event).__name__} is not an event; push one of collabslam.live.core.Event.")
 
 
-def _with_own(view: LiveView, own: Any) -> LiveView:
+def _own_pose(own: Any) -> OwnPose:
     if not isinstance(own, OwnPose):
         raise InputError("Where a camera tracks itself is a collabslam.live.views.OwnPose; give one.")
     pose, covariance = _array(own.t_xf, (4, 4), "own pose"), _array(own.covariance, (6, 6), "own covariance")
     if pose is None or covariance is None:
         raise InputError("Where a camera tracks itself has a pose and a covariance; give both.")
-    return LiveView(
-        view.session, view.stamp, view.image, view.t_cf, view.covariance, view.bias, OwnPose(pose, covariance)
-    )
+    return OwnPose(pose, covariance)
 
 
 def _seconds(t: Any) -> float:

@@ -160,7 +160,9 @@ class LiveCore:
             return
         name, t, t_sd = timed
         try:
-            image = view_image(view.image, self.slam.worn_cameras[name])
+            image = view_image(
+                view.image if view.pixels is None else view.pixels, self.slam.worn_cameras[name]
+            )
         except (DataError, InputError):
             self.senders.dropped[BROKEN] += 1
             return

@@ -12,6 +12,8 @@ from collabslam.errors import DataError
 from collabslam.images import check_grey
 from collabslam.types import Image
 
+PASSES = 16
+"""Over the picture of a view, at most; a progressive JPEG has about ten."""
 SMALLEST = 8
 """Of the calibration's width and height, the least share of them that an image may have is one eighth."""
 
@@ -32,7 +34,9 @@ def view_image(image: Image | bytes, camera: Camera) -> Image:
     if not isinstance(image, bytes):
         return check_grey(image, camera, "worn image")
     header = read_header(image)
-    if header is None or not _scaled(header.width, header.height, camera):
+    if header is None or header.kind not in ("JPEG", "PNG") or header.passes > PASSES:
+        raise DataError(f"The view is not a whole JPEG of at most {PASSES} scans, and not a whole PNG.")
+    if not _scaled(header.width, header.height, camera):
         raise DataError("The view is not an image of the calibration's size, or of a smaller one.")
     grey = decode(image, "of a view")
     if grey.shape == (camera.height, camera.width):

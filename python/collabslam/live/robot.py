@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,7 @@ from collabslam.live.cameras import RecordingPlayback
 from collabslam.live.core import Event, LivePose
 from collabslam.live.downlink import Downlink
 from collabslam.live.frame_source import LiveCamera
+from collabslam.live.pictures import Pictures
 from collabslam.live.plan import LivePlan
 from collabslam.live.printed import make_slam
 from collabslam.live.record import EventWriter
@@ -120,6 +122,9 @@ class RobotNode:
             stack.callback(heard.undeclare)
             worn = worn_calibrations(options, self._camera, self.uplink)
             self.uplink.use(worn)
+            pictures = Pictures(worn, self.uplink.give, self.uplink.drop)
+            stack.callback(pictures.close)
+            self.uplink.pictures = pictures
             slam = self._engine(folder, worn)
             unit = ARBITRARY if options.start == "scale-free" else METRES
             results = LiveResults(
@@ -189,10 +194,10 @@ class RobotNode:
 
     def _counts(self) -> dict[str, Any]:
         """Everything that was dropped, by reason."""
-        before = {f"dropped {k}": v for k, v in self.uplink.counts().items()}
-        live = {} if self._live is None else self._live.dropped
+        dropped = Counter(self.uplink.counts())
+        dropped.update({} if self._live is None else self._live.dropped)
         unposed = {f"no pose: {k}": v for k, v in self.uplink.unposed().items()}
-        return {**before, **{f"dropped {k}": v for k, v in live.items()}, **unposed}
+        return {**{f"dropped {k}": v for k, v in dropped.items()}, **unposed}
 
     def _engine(self, folder: Path, worn: Mapping[str, Camera]) -> Slam:
         options = self._options

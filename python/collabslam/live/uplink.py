@@ -16,9 +16,10 @@ from collabslam.live import messages, names
 from collabslam.live.clock import ClockEstimator
 from collabslam.live.core import ClockReading, Event
 from collabslam.live.pairing import Pairing
+from collabslam.live.pictures import Pictures
 from collabslam.live.sensed import reading_from, scan_from
 from collabslam.live.sensing import Sensing
-from collabslam.live.views import NO_CLOCK, LiveView, OwnPose
+from collabslam.live.views import NO_CLOCK, LiveView, OwnPose, sender_of
 from collabslam.types import Array
 from collabslam.worn_pose import WornPoseConfig
 from collabslam.worn_pose.readings import Wearer
@@ -123,6 +124,8 @@ class Uplink:
         """Messages by the reason why they were dropped."""
         self.received: Counter[str] = Counter()
         """Bytes by device that is listened to."""
+        self.pictures: Pictures | None = None
+        """Decodes views before they are given; without it they are given as they come."""
         self.faults: deque[str] = deque(maxlen=8)
         """The last refusals in words."""
         self._push, self._now, self._unposed = push, now, unposed
@@ -285,6 +288,18 @@ class Uplink:
             self._give(view)
 
     def _give(self, event: Event) -> None:
+        if self.pictures is not None and isinstance(event, LiveView):
+            self.pictures.take(sender_of(event.session), event)
+        else:
+            self.give(event)
+
+    def drop(self, reason: str) -> None:
+        """Count a view that is dropped before the filter."""
+        with self._lock:
+            self.dropped[reason] += 1
+
+    def give(self, event: Event) -> None:
+        """Push an event; what the filter says to it is kept among the `faults`."""
         try:
             self._push(event)
         except CollabslamError as error:  # the filter has ended: its own thread says so

@@ -49,6 +49,8 @@ class LiveView:
         As in `collabslam.WornView`; no ``t_cf`` if printed targets are to tell it.
     own : OwnPose or None
         Of a camera that tracks itself: then the targets need not be in this image.
+    pixels : (H, W) uint8, or None
+        What is in an encoded image, of its calibration's size, where it is decoded already.
     """
 
     session: str
@@ -58,6 +60,7 @@ class LiveView:
     covariance: Array | None = None
     bias: Array | None = None
     own: OwnPose | None = None
+    pixels: Image | None = None
 
 
 def sender_of(session: str) -> str:

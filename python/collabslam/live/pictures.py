@@ -1,0 +1,222 @@
+"""Pictures of devices become pixels in a process of each device's own, before the filter hears of them.
+
+A robot's frame waits for no picture, and one device's pictures do not wait for another's.  What is not
+decoded never reaches the filter, nor its record: both stay the same to the bit.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.live.decode_worker import LENGTH
+from collabslam.live.views import BROKEN, LiveView
+from collabslam.slam.worn.late_views import CROWDED
+from collabslam.types import Image
+
+WAITING = 4
+"""Pictures of a device that wait; the oldest gives way."""
+PATIENCE = 20.0
+"""Seconds after which a worker that answers nothing is given up; its own limit is its processor time."""
+LONGEST_REST = 1024
+"""Pictures of a device that are not looked at, at most, after one that ended its worker."""
+
+
+class Pictures:
+    """Decodes the views of all devices; any thread may call `take`.
+
+    Parameters
+    ----------
+    cameras : mapping
+        Each Cf by its device's name, or of any device by "".
+    give : callable
+        Is given each view with its pixels, from a thread of its device's own.
+    drop : callable
+        Is told why a view is dropped.
+    """
+
+    def __init__(
+        self, cameras: Mapping[str, Camera], give: Callable[[LiveView], None], drop: Callable[[str], None]
+    ) -> None:
+        self._cameras, self._give, self._drop = dict(cameras), give, drop
+        self._lock = threading.Lock()
+        self._devices: dict[str, _Device] = {}
+        self._closed = False
+
+    def take(self, name: str, view: LiveView) -> None:
+        """A view of a device; of nobody's whose camera is known it goes on as it is."""
+        camera = self._cameras.get(name, self._cameras.get(""))
+        if camera is None or not isinstance(view.image, bytes):
+            self._give(view)
+            return
+        with self._lock:
+            if self._closed:
+                return
+            if name not in self._devices:
+                self._devices[name] = _Device(camera, self._give, self._drop)
+            device = self._devices[name]
+        device.add(view)
+
+    def close(self) -> None:
+        """End all workers; what waits is not decoded."""
+        with self._lock:
+            self._closed = True
+            devices, self._devices = list(self._devices.values()), {}
+        for device in devices:
+            device.close()
+
+
+class _Device:
+    """One device's thread and worker."""
+
+    def __init__(self, camera: Camera, give: Callable[[LiveView], None], drop: Callable[[str], None]) -> None:
+        self._camera, self._give, self._drop = camera, give, drop
+        self._waiting: deque[LiveView] = deque()
+        self._change = threading.Condition()
+        self._ended = False
+        self._worker: Worker | None = None
+        self._rest, self._deaths = 0, 0
+        self._thread = threading.Thread(target=self._work, name="pictures", daemon=True)
+        self._thread.start()
+
+    def add(self, view: LiveView) -> None:
+        with self._change:
+            if len(self._waiting) >= WAITING:
+                self._waiting.popleft()
+                self._drop(CROWDED)
+            self._waiting.append(view)
+            self._change.notify()
+
+    def close(self) -> None:
+        with self._change:
+            self._ended = True
+            self._change.notify()
+        if self._worker is not None:
+            self._worker.kill()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while (view := self._next()) is not None:
+            pixels = self._decoded(view)
+            if pixels is None:
+                self._drop(BROKEN)
+            else:
+                self._give(replace(view, pixels=pixels))
+        if self._worker is not None:
+            self._worker.close()
+
+    def _next(self) -> LiveView | None:
+        with self._change:
+            while not self._waiting and not self._ended:
+                self._change.wait()
+            return None if self._ended else self._waiting.popleft()
+
+    def _decoded(self, view: LiveView) -> Image | None:
+        """The pixels; None of what is none, and for a while after a picture that ended the worker."""
+        assert isinstance(view.image, bytes)
+        if self._rest > 0:
+            self._rest -= 1
+            return None
+        if self._worker is None:
+            self._worker = Worker(self._camera)
+        try:
+            pixels = self._worker.decode(view.image)
+            self._deaths = 0 if pixels is not None else self._deaths
+        except WorkerDied:
+            self._worker.close()
+            self._worker = None
+            self._deaths += 1
+            self._rest = min(2**self._deaths, LONGEST_REST)
+            return None
+        return pixels
+
+
+class WorkerDied(Exception):
+    """A worker ended, or answers nothing."""
+
+
+class Worker:
+    """A process that decodes pictures of one camera, see `decode_worker`.
+
+    Parameters
+    ----------
+    camera : Camera
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._shape = camera.height, camera.width
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "collabslam.live.decode_worker", json.dumps(camera.__getnewargs__())],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+            start_new_session=True,  # Ctrl-C is for the robot
+        )
+        assert self._process.stdin is not None
+        os.set_blocking(self._process.stdin.fileno(), False)
+
+    def decode(self, data: bytes) -> Image | None:
+        """The pixels (H, W) in the camera's size; None if the picture is refused.
+
+        Raises
+        ------
+        WorkerDied
+            If it took more memory or time than it may.
+        """
+        until = time.monotonic() + PATIENCE
+        self._write(LENGTH.pack(len(data)) + data, until)
+        (length,) = LENGTH.unpack(self._read(LENGTH.size, until))
+        if length == 0:
+            return None
+        if length != self._shape[0] * self._shape[1]:
+            raise WorkerDied
+        return np.frombuffer(self._read(length, until), np.uint8).reshape(self._shape)
+
+    def _write(self, data: bytes, until: float) -> None:
+        stream, sent = self._process.stdin, 0
+        assert stream is not None
+        while sent < len(data):
+            _, ready, _ = select.select([], [stream], [], max(0.0, until - time.monotonic()))
+            try:
+                sent += (stream.write(data[sent:]) or 0) if ready else self._died()
+            except OSError as error:
+                raise WorkerDied from error
+
+    def _died(self) -> int:
+        raise WorkerDied
+
+    def _read(self, count: int, until: float) -> bytes:
+        stream = self._process.stdout
+        assert stream is not None
+        parts = bytearray()
+        while len(parts) < count:
+            ready, _, _ = select.select([stream], [], [], max(0.0, until - time.monotonic()))
+            part = stream.read(count - len(parts)) if ready else b""
+            if not part:
+                self._died()
+            parts += part
+        return bytes(parts)
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """End the process, and wait for that."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
