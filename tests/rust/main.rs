@@ -13,6 +13,7 @@ mod free_start;
 mod gauge;
 mod graph;
 mod guards;
+mod gyro;
 mod jacobians;
 mod late_views;
 mod layers;

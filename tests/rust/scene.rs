@@ -68,6 +68,8 @@ pub(crate) enum Trajectory {
     Swaying,
     /// It turns, and changes its speed, as one that is carried.
     Lively,
+    /// As lively, in a hand that shakes.
+    Shaken,
     /// At constant velocity.
     Straight,
     /// At a constant twist, about a point 6 m in front of it.
@@ -145,6 +147,14 @@ impl Scene {
                     0.2 * (2.1 * t).sin(),
                     0.4 * (1.0 - (0.9 * t).cos()),
                 ),
+            ),
+            Trajectory::Shaken => (
+                Vector3::new(
+                    0.05 * (8.3 * t).sin(),
+                    0.07 * (7.1 * t).sin(),
+                    0.04 * (9.7 * t).sin(),
+                ),
+                Vector3::new(0.8 * (1.3 * t).sin(), 0.2 * (2.1 * t).sin(), 0.3 * t),
             ),
             Trajectory::Straight => (Vector3::zeros(), Vector3::new(0.8 * t, 0.1 * t, 0.0)),
             Trajectory::Round => {

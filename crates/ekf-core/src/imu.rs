@@ -41,6 +41,8 @@ pub(crate) struct Imu {
     /// Maps the sensor's axes into those of C.
     #[serde(with = "numbers")]
     pub(crate) r_ci: Matrix3<f64>,
+    /// Whether it is not followed any more, as the images contradict it.
+    pub(crate) is_off: bool,
     /// Increasing.
     pub(crate) samples: VecDeque<Sample>,
 }
@@ -49,6 +51,7 @@ impl Default for Imu {
     fn default() -> Self {
         Self {
             r_ci: Matrix3::identity(),
+            is_off: false,
             samples: VecDeque::new(),
         }
     }

@@ -150,6 +150,7 @@ impl Filter {
             _ => Vec::new(),
         };
         scratch.learned.of.clear();
+        self.learn_gyro_clock(&mut scratch.learned);
         let mut before = None;
         if let Some(worn) = worn {
             self.learn(worn, compensated, &mut scratch.learned);

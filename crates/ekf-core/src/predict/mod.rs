@@ -5,11 +5,13 @@
 //! error of the model with the same sign in each frame, which a view without known depths turns into rotation.
 
 mod motion;
+mod turn;
 
 pub(crate) use motion::{Motion, Reading, TwistMatrix};
+pub(crate) use turn::{CLOCK, GYRO_DIM, GyroAt, Sensor};
 
 use crate::math::quat;
-use crate::settings::{MotionModel, OdometrySettings, ProcessSettings, WornSettings};
+use crate::settings::{MotionModel, ProcessSettings, Settings};
 use crate::state::{BlockKind, CAMERA_DIM, State, TimeCorrelatedBias};
 use nalgebra::{Matrix3, Matrix3x4, SMatrix, Vector3};
 
@@ -32,12 +34,15 @@ pub fn transition(state: &mut [f64], dt: f64, model: MotionModel) -> CameraMatri
         .copy_from(&(quat::left(&q) * quat::exp_jacobian(&(w * dt)) * dt));
     let mut way = v * dt;
     if model == MotionModel::Body {
-        let turned = Turned::new(&q, &v, &w, dt);
+        let turned = Turned::new(&q, &v, &quat::rotation(&turn));
+        let by_w = turned.by_turn * quat::right_jacobian(&(w * dt)) * dt;
         way = (v + turned.v) * (0.5 * dt);
-        turned.write(&mut f, 0, 0.5 * dt);
+        for (row, share) in [(0, 0.5 * dt), (7, 1.0)] {
+            turned.write(&mut f, row, share);
+            f.fixed_view_mut::<3, 3>(row, 10).copy_from(&(by_w * share));
+        }
         let mut half = f.fixed_view_mut::<3, 3>(0, 7);
         half += Matrix3::identity() * (0.5 * dt);
-        turned.write(&mut f, 7, 1.0);
         state[7..10].copy_from_slice(turned.v.as_slice());
     }
     for i in 0..3 {
@@ -47,25 +52,24 @@ pub fn transition(state: &mut [f64], dt: f64, model: MotionModel) -> CameraMatri
     f
 }
 
-/// A velocity that turns with the camera, and its derivatives by attitude, velocity and angular velocity.
+/// A velocity that turns with the camera, and its derivatives by attitude, velocity and the turn, tangent on the right.
 struct Turned {
     v: Vector3<f64>,
     by_q: Matrix3x4<f64>,
     by_v: Matrix3<f64>,
-    by_w: Matrix3<f64>,
+    by_turn: Matrix3<f64>,
 }
 
 impl Turned {
-    fn new(q: &quat::Quat, v: &Vector3<f64>, w: &Vector3<f64>, dt: f64) -> Self {
+    fn new(q: &quat::Quat, v: &Vector3<f64>, turn: &Matrix3<f64>) -> Self {
         let r = quat::rotation(q);
-        let turn = quat::rotation(&quat::exp(&(w * dt)));
         let own = r.transpose() * v;
         let by_attitude = turn * quat::skew(&own) - quat::skew(&(turn * own));
         Self {
             v: r * turn * own,
             by_q: r * by_attitude * quat::tangent(q),
             by_v: r * turn * r.transpose(),
-            by_w: -r * turn * quat::skew(&own) * quat::right_jacobian(&(w * dt)) * dt,
+            by_turn: -r * turn * quat::skew(&own),
         }
     }
 
@@ -75,8 +79,6 @@ impl Turned {
             .copy_from(&(self.by_q * scale));
         f.fixed_view_mut::<3, 3>(row, 7)
             .copy_from(&(self.by_v * scale));
-        f.fixed_view_mut::<3, 3>(row, 10)
-            .copy_from(&(self.by_w * scale));
     }
 }
 
@@ -84,15 +86,10 @@ impl Turned {
 /// (attitude tangent, angular velocity), the attitude lifted to the quaternion `q` after the motion.
 pub fn process_noise(q: &quat::Quat, dt: f64, settings: &ProcessSettings) -> CameraMatrix {
     let (a, b, c) = (dt.powi(3) / 3.0, dt * dt / 2.0, dt);
-    let linear = settings.acceleration_density.powi(2);
     let angular = settings.angular_acceleration_density.powi(2);
     let lift = quat::lift(q);
-    let mut noise = CameraMatrix::zeros();
+    let mut noise = linear_noise(dt, settings);
     for i in 0..3 {
-        noise[(i, i)] = linear * a;
-        noise[(7 + i, i)] = linear * b;
-        noise[(i, 7 + i)] = linear * b;
-        noise[(7 + i, 7 + i)] = linear * c;
         noise[(10 + i, 10 + i)] = angular * c;
     }
     noise
@@ -107,6 +104,20 @@ pub fn process_noise(q: &quat::Quat, dt: f64, settings: &ProcessSettings) -> Cam
     noise
 }
 
+/// That of position and velocity alone.
+fn linear_noise(dt: f64, settings: &ProcessSettings) -> CameraMatrix {
+    let (a, b, c) = (dt.powi(3) / 3.0, dt * dt / 2.0, dt);
+    let linear = settings.acceleration_density.powi(2);
+    let mut noise = CameraMatrix::zeros();
+    for i in 0..3 {
+        noise[(i, i)] = linear * a;
+        noise[(7 + i, i)] = linear * b;
+        noise[(i, 7 + i)] = linear * b;
+        noise[(7 + i, 7 + i)] = linear * c;
+    }
+    noise
+}
+
 /// Predicts the whole state over `dt` seconds. Only the camera's block and its cross-covariances change.
 pub(crate) fn predict(state: &mut State, dt: f64, process: &ProcessSettings) {
     let f = transition(&mut state.x, dt, process.velocity);
@@ -117,23 +128,46 @@ pub(crate) fn predict(state: &mut State, dt: f64, process: &ProcessSettings) {
     state.normalise_quaternions();
 }
 
-/// Predicts the whole state along a motion that odometry tells (METHOD 23), with the errors of its scales at `scale`.
-pub(crate) fn predict_along(state: &mut State, motion: &Motion, scale: Option<usize>) {
+/// Predicts the whole state along a motion that odometry tells (METHOD 23), with the errors of its scales at `scale`, or a
+/// gyroscope (METHOD 28), with its errors at `gyro`.
+pub(crate) fn predict_along(
+    state: &mut State,
+    motion: &Motion,
+    scale: Option<usize>,
+    gyro: Option<&GyroAt>,
+) {
     state.x[..CAMERA_DIM].copy_from_slice(&motion.x);
     state.camera_moved();
     state.p.transform(0, &motion.by_camera);
     if let Some(at) = scale {
         state.p.add_to_camera(at, &motion.by_scale);
     }
+    if let Some(at) = gyro {
+        let by = &motion.by_gyro;
+        state
+            .p
+            .add_to_camera(at.bias, &by.fixed_columns::<3>(0).into_owned());
+        state
+            .p
+            .add_to_camera(at.frame, &by.fixed_columns::<4>(3).into_owned());
+        state
+            .p
+            .add_to_camera(at.clock, &by.fixed_columns::<1>(7).into_owned());
+    }
     state.p.add_block(0, &motion.noise);
     state.normalise_quaternions();
 }
 
-/// `dt` seconds in which errors that last are partly replaced by fresh ones (Gauss-Markov): the worn cameras' biases, and the
-/// odometry's scales.
-pub(crate) fn forget(state: &mut State, dt: f64, worn: &WornSettings, odometry: &OdometrySettings) {
+/// `dt` seconds in which errors that last are partly replaced by fresh ones (Gauss-Markov), the worn cameras' biases and the
+/// odometry's scales, and a gyroscope's bias walks.
+pub(crate) fn forget(state: &mut State, dt: f64, settings: &Settings) {
+    let (worn, odometry) = (&settings.worn, &settings.odometry);
     let offset = |kind| state.layout.of_kind(kind).next().map(|b| b.offset);
     let scale = offset(BlockKind::OdometryScale).zip(odometry.covariance());
+    if let Some(at) = offset(BlockKind::GyroBias) {
+        let walk = settings.imu.gyro_bias_walk.powi(2) * dt;
+        state.p.add_block(at, &(Matrix3::identity() * walk));
+    }
     for k in 0..state.time_correlated.len() {
         let TimeCorrelatedBias {
             owner, stationary, ..

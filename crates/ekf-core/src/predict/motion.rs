@@ -5,6 +5,7 @@
 //! the covariance is right whatever the gains are. An axis that odometry does not know, of large variance, so keeps its
 //! constant velocity.
 
+use super::turn::ByGyro;
 use super::{CameraMatrix, process_noise, transition};
 use crate::chi2;
 use crate::math::quat;
@@ -49,6 +50,8 @@ pub(crate) struct Motion {
     pub(crate) by_camera: CameraMatrix,
     /// Its derivative by the scales' errors.
     pub(crate) by_scale: ByScale,
+    /// Its derivative by the gyroscope's errors.
+    pub(crate) by_gyro: ByGyro,
     /// Noise.
     pub(crate) noise: CameraMatrix,
 }
@@ -60,6 +63,7 @@ impl Motion {
             x,
             by_camera: CameraMatrix::identity(),
             by_scale: ByScale::zeros(),
+            by_gyro: ByGyro::zeros(),
             noise: CameraMatrix::zeros(),
         }
     }
@@ -121,21 +125,22 @@ impl Motion {
         distance.is_some_and(|distance| distance <= chi2::quantile(level, 6.0))
     }
 
-    fn then(&mut self, f: &CameraMatrix, g: &ByScale, noise: &CameraMatrix) {
+    pub(super) fn then(&mut self, f: &CameraMatrix, g: &ByScale, noise: &CameraMatrix) {
         self.by_camera = f * self.by_camera;
         self.by_scale = f * self.by_scale + g;
+        self.by_gyro = f * self.by_gyro;
         self.noise = f * self.noise * f.transpose() + noise;
     }
 }
 
 /// Covariances of white acceleration over a time: of the mean of the twist over it, with that at its end, of the latter.
-struct White {
-    mean: TwistMatrix,
-    cross: TwistMatrix,
-    end: TwistMatrix,
+pub(super) struct White {
+    pub(super) mean: TwistMatrix,
+    pub(super) cross: TwistMatrix,
+    pub(super) end: TwistMatrix,
 }
 
-fn white(dt: f64, process: &ProcessSettings) -> White {
+pub(super) fn white(dt: f64, process: &ProcessSettings) -> White {
     let linear = process.acceleration_density.powi(2) * dt;
     let angular = process.angular_acceleration_density.powi(2) * dt;
     let density = Vector6::new(linear, linear, linear, angular, angular, angular);
@@ -165,13 +170,13 @@ fn gains(own: &TwistMatrix, reading: &Reading, white: &White) -> Gains {
 }
 
 /// The twist of the camera along its own axes, as its state has it.
-struct OwnTwist {
-    twist: Vector6<f64>,
-    by_camera: SMatrix<f64, 6, CAMERA_DIM>,
+pub(super) struct OwnTwist {
+    pub(super) twist: Vector6<f64>,
+    pub(super) by_camera: SMatrix<f64, 6, CAMERA_DIM>,
 }
 
 impl OwnTwist {
-    fn new(x: &[f64; CAMERA_DIM]) -> Self {
+    pub(super) fn new(x: &[f64; CAMERA_DIM]) -> Self {
         let q = quat::Quat::from_column_slice(&x[3..7]);
         let (v, w) = (
             Vector3::from_column_slice(&x[7..10]),
@@ -284,14 +289,14 @@ impl Step {
 }
 
 /// The way of a point that moves with the velocity `v` along axes that turn by `turn` meanwhile, per unit of time.
-struct Arc {
-    point: Vector3<f64>,
-    by_velocity: Matrix3<f64>,
-    by_turn: Matrix3<f64>,
+pub(super) struct Arc {
+    pub(super) point: Vector3<f64>,
+    pub(super) by_velocity: Matrix3<f64>,
+    pub(super) by_turn: Matrix3<f64>,
 }
 
 impl Arc {
-    fn new(turn: &Vector3<f64>, v: &Vector3<f64>) -> Self {
+    pub(super) fn new(turn: &Vector3<f64>, v: &Vector3<f64>) -> Self {
         let a2 = turn.norm_squared();
         // (1 - cos a) / a^2, (a - sin a) / a^3, and their derivatives by a, over a.
         let (b, c, db, dc) = if a2 < 1e-4 {

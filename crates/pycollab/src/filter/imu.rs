@@ -1,7 +1,7 @@
 //! A gyroscope as motion input (METHOD 28).
 
 use super::PyFilter;
-use crate::arrays_in::{Argument, matrix, vector};
+use crate::arrays_in::{Argument, matrix, pixels, vector};
 use crate::arrays_out::{Column, Table, column, to_matrix};
 use crate::gate;
 use ekf_core::Filter;
@@ -82,5 +82,53 @@ impl PyFilter {
     #[getter]
     fn gyro_clock(&self, py: Python<'_>) -> PyResult<Option<(f64, f64)>> {
         self.read(py, |f| Ok(f.gyro_clock()))
+    }
+
+    /// Whether the gyroscope told how the camera turned in the last prediction, for most of its time; until a
+    /// frame is measured.
+    #[getter]
+    fn followed_gyro(&self, py: Python<'_>) -> PyResult<bool> {
+        self.read(py, |f| Ok(f.followed_gyro()))
+    }
+
+    /// Whether the gyroscope is followed where it says something; False once it was dropped, None without one.
+    #[getter]
+    fn follows_gyro(&self, py: Python<'_>) -> PyResult<Option<bool>> {
+        self.read(py, |f| Ok(f.follows_gyro()))
+    }
+
+    /// Stops following the gyroscope, for good: its rates are not the camera's.
+    fn drop_gyro(&self, py: Python<'_>) -> PyResult<()> {
+        self.write(py, |f| {
+            f.drop_gyro();
+            Ok(())
+        })
+    }
+
+    /// Whether the turn that the last two images show excludes what the gyroscope told of it.
+    ///
+    /// To be asked before the frame is measured.
+    ///
+    /// Parameters
+    /// ----------
+    /// since : float
+    ///     Time of the first of the images, seconds: the frame of the last checkpoint.
+    /// before, now : (N, 2) float64
+    ///     Where points were in it and are now, pixels of Cs.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes or NaN.
+    fn gyro_is_contradicted(
+        &self,
+        py: Python<'_>,
+        since: f64,
+        before: Argument<'_>,
+        now: Argument<'_>,
+    ) -> PyResult<bool> {
+        let before = pixels("points followed", &before)?;
+        let now = pixels("points followed", &now)?;
+        self.read(py, |f| f.gyro_is_contradicted(since, &before, &now))
     }
 }

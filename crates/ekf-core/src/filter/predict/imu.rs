@@ -3,8 +3,11 @@
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::imu::{self, Imu};
-use crate::state::BlockKind;
-use nalgebra::{Matrix1, Matrix3, Matrix4, Vector1, Vector3, Vector4};
+use crate::math::quat::{self, Quat};
+use crate::observe::POSE_DIM;
+use crate::predict::{CLOCK, GYRO_DIM, GyroAt, Motion, Sensor};
+use crate::state::{BlockKind, Learned};
+use nalgebra::{Matrix1, Matrix3, Matrix4, SMatrix, Vector1, Vector3, Vector4};
 
 impl Filter {
     /// Says that there is a gyroscope: `r_ci` maps its axes into those of C, `time_offset` is to be added to its stamps for those
@@ -113,7 +116,86 @@ impl Filter {
         Some((self.memory.state.x[at], variance.max(0.0).sqrt()))
     }
 
-    pub(super) fn gyro_at(&self, kind: BlockKind) -> Option<usize> {
+    /// Whether the gyroscope told the last prediction's turn, for half of its time or more; until a frame is measured.
+    pub fn followed_gyro(&self) -> bool {
+        self.memory.wheels.turned.is_some()
+    }
+
+    /// By how much a stamp of the gyroscope may still be before the frame that it counts for, seconds.
+    pub(super) fn gyro_clock_margin(&self) -> f64 {
+        let margin = |(offset, sd): (f64, f64)| offset + 5.0 * sd;
+        self.gyro_clock().map_or(0.0, margin)
+    }
+
+    /// Lets the frame teach the gyroscope's clock where its turn changes clearly with it.
+    pub(crate) fn learn_gyro_clock(&self, learned: &mut Learned) {
+        if self.memory.wheels.clear_clock
+            && let Some(at) = self.gyro_at(BlockKind::GyroClock)
+        {
+            learned.number(at);
+        }
+    }
+
+    /// The gyroscope as the filter knows it; `None` without one.
+    pub(super) fn sensor(&self) -> Option<Sensor<'_>> {
+        let imu = self.memory.imu.as_ref().filter(|imu| !imu.is_off)?;
+        let at = self.gyro()?;
+        Some(Sensor {
+            imu,
+            sizes: &self.setup.settings.imu,
+            bias: self.memory.state.part::<3>(at.bias),
+            offset: self.memory.state.x[at.clock],
+        })
+    }
+
+    /// Covariance of a turn that it told, by its noise and by what is known of its errors, tangent on the right, rad^2.
+    pub(super) fn turn_covariance(&self, motion: &Motion) -> Option<Matrix3<f64>> {
+        let at = self.gyro()?;
+        let rows: [usize; GYRO_DIM] = std::array::from_fn(|k| match k {
+            0..3 => at.bias + k,
+            3..CLOCK => at.frame + k - 3,
+            _ => at.clock,
+        });
+        let p = &self.memory.state.p;
+        let known = SMatrix::<f64, GYRO_DIM, GYRO_DIM>::from_fn(|i, j| p.get(rows[i], rows[j]));
+        let into = quat::tangent(&Quat::from_column_slice(&motion.x[3..7]));
+        let by = into * motion.by_gyro.fixed_rows::<4>(3);
+        let noise = into * motion.noise.fixed_view::<4, 4>(3, 3) * into.transpose();
+        Some(by * known * by.transpose() + noise)
+    }
+
+    /// Stops following the gyroscope, whose rates are not the camera's; it stays so. What it said of the present rate is
+    /// forgotten.
+    pub fn drop_gyro(&mut self) {
+        self.changes();
+        if let Some(imu) = &mut self.memory.imu {
+            imu.is_off = true;
+            self.forget_rate();
+        }
+    }
+
+    /// Whether the gyroscope is followed, where it says something; `None` without one.
+    pub fn follows_gyro(&self) -> Option<bool> {
+        self.memory.imu.as_ref().map(|imu| !imu.is_off)
+    }
+
+    /// Makes the present rate as uncertain as at the start.
+    pub(super) fn forget_rate(&mut self) {
+        let sd = self.setup.settings.process.start_angular_velocity_sd;
+        let more = Matrix3::identity() * sd.powi(2);
+        self.memory.state.p.add_block(POSE_DIM + 3, &more);
+    }
+
+    /// Where its errors are in the state.
+    pub(super) fn gyro(&self) -> Option<GyroAt> {
+        Some(GyroAt {
+            bias: self.gyro_at(BlockKind::GyroBias)?,
+            frame: self.gyro_at(BlockKind::GyroFrame)?,
+            clock: self.gyro_at(BlockKind::GyroClock)?,
+        })
+    }
+
+    fn gyro_at(&self, kind: BlockKind) -> Option<usize> {
         let block = self.memory.state.layout.of_kind(kind).next();
         block.map(|b| b.offset)
     }

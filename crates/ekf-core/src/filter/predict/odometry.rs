@@ -8,7 +8,8 @@ use crate::filter::memory::wheels::Wheels;
 use crate::guard::{self, check_rigid};
 use crate::math::pose::Pose;
 use crate::math::quat::{self, Quat};
-use crate::predict::{CameraMatrix, Motion};
+use crate::predict::{CameraMatrix, Motion, Reading, Sensor};
+use crate::settings::ProcessSettings;
 use crate::state::{BlockKind, CAMERA_DIM, State};
 use crate::{chi2, odometry, predict};
 use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2, Vector6};
@@ -23,13 +24,19 @@ const MOTION: f64 = 6.0;
 /// the scale is one over the square of it.
 const CLEAR: f64 = 10.0;
 
-/// What odometry tells of the time between two frames.
+/// The same of a turn's change with a gyroscope's clock, as with the worn cameras' clocks (METHOD 26).
+const CLEAR_CLOCK: f64 = 5.0;
+
+/// What odometry and a gyroscope tell of the time between two frames.
 pub(super) struct Told {
     pub(crate) motion: Motion,
-    /// For how long it does, seconds.
+    /// For how long odometry does, and the gyroscope, seconds.
     seconds: f64,
+    turned: f64,
     /// See [`Wheels::unclear`].
     unclear: [bool; 2],
+    /// See [`Wheels::clear_clock`].
+    clear_clock: bool,
 }
 
 impl Filter {
@@ -103,38 +110,44 @@ impl Filter {
         block.map(|b| b.offset)
     }
 
-    /// The motion between two times as far as odometry tells it, the rest at constant velocity; `None` where it tells nothing.
+    /// The motion between two times as far as odometry tells it, and a gyroscope the turn, the rest at constant velocity; `None`
+    /// where neither tells anything.
     pub(super) fn told_motion(&self, last: f64, t: f64, longest: f64) -> Option<Told> {
-        let process = &self.setup.settings.process;
         let before: CameraMatrix = self.memory.state.p.block(0, 0);
-        let scale = self.odometry_scale().map_or(Vector2::zeros(), |(s, _)| s);
-        let mut motion = Motion::new(camera_of(&self.memory.state));
-        let (mut now, mut left, mut told) = (last, longest, 0.0);
-        let (mut way, mut noise) = (Vector6::zeros(), Matrix6::zeros());
-        let mut drift = |motion: &mut Motion, dt: f64| {
-            let dt = dt.min(left);
-            if dt > 0.0 {
-                left -= dt;
-                motion.drift(dt, process.velocity, process);
-            }
+        let mut told = Telling {
+            process: &self.setup.settings.process,
+            scale: self.odometry_scale().map_or(Vector2::zeros(), |(s, _)| s),
+            before: &before,
+            gyro: self.sensor(),
+            motion: Motion::new(camera_of(&self.memory.state)),
+            left: longest,
+            turned: 0.0,
+            by_clock: [0.0; 2],
         };
+        let (mut now, mut seconds) = (last, 0.0);
+        let (mut way, mut noise) = (Vector6::zeros(), Matrix6::zeros());
         for sample in &self.memory.odometry.samples {
             let (from, until) = (sample.from.max(now), sample.t.min(t));
             if until <= from {
                 continue;
             }
-            drift(&mut motion, from - now);
-            let reading = self.memory.odometry.reading(sample, until - from);
-            motion.follow(until - from, &reading, &scale, &before, process);
+            told.go(now, from, None);
+            let reading = |dt| self.memory.odometry.reading(sample, dt);
+            told.go(from, until, Some(&reading));
             way += sample.twist * (until - from);
             noise += sample.covariance * ((sample.t - sample.from) * (until - from));
-            (now, told) = (until, told + until - from);
+            (now, seconds) = (until, seconds + until - from);
         }
-        drift(&mut motion, t - now);
-        (told > 0.0).then(|| Told {
-            motion,
-            seconds: told,
-            unclear: [0, 3].map(|at| !stands_out(&way, &noise, at)),
+        told.go(now, t, None);
+        let mut unclear = [0, 3].map(|at| !stands_out(&way, &noise, at));
+        unclear[1] |= told.turned > 0.0;
+        let [by_clock, noise] = told.by_clock;
+        (seconds + told.turned > 0.0).then_some(Told {
+            motion: told.motion,
+            seconds,
+            turned: told.turned,
+            unclear,
+            clear_clock: by_clock > CLEAR_CLOCK * noise,
         })
     }
 
@@ -143,12 +156,17 @@ impl Filter {
         let motion = &told.motion;
         self.memory.wheels = Wheels {
             followed: told.seconds >= 0.5 * dt,
+            turned: self
+                .turn_covariance(motion)
+                .filter(|_| told.turned >= 0.5 * dt),
+            clear_clock: told.clear_clock,
             slip: (dt <= LONGEST_SLIP).then(|| self.slip_of(motion, dt)),
             trusted: None,
             unclear: told.unclear,
         };
         let prior = self.setup.settings.odometry.covariance();
-        if let Some(prior) = prior.filter(|_| self.odometry_scale_at().is_none()) {
+        let is_new = told.seconds > 0.0 && self.odometry_scale_at().is_none();
+        if let Some(prior) = prior.filter(|_| is_new) {
             let kind = BlockKind::OdometryScale;
             self.memory
                 .state
@@ -156,13 +174,9 @@ impl Filter {
         }
         let at = self.odometry_scale_at();
         let settings = &self.setup.settings;
-        predict::predict_along(&mut self.memory.state, motion, at);
-        predict::forget(
-            &mut self.memory.state,
-            dt,
-            &settings.worn,
-            &settings.odometry,
-        );
+        let gyro = self.gyro();
+        predict::predict_along(&mut self.memory.state, motion, at, gyro.as_ref());
+        predict::forget(&mut self.memory.state, dt, settings);
     }
 
     /// What a slip would add: the camera may as well have moved on with its own velocity. The covariance reaches from one
@@ -263,6 +277,7 @@ impl Filter {
     pub(crate) fn settle_odometry(&mut self) {
         self.memory.wheels = Wheels {
             unclear: self.memory.wheels.unclear,
+            clear_clock: self.memory.wheels.clear_clock,
             ..Wheels::default()
         };
     }
@@ -293,6 +308,67 @@ impl Filter {
     pub(super) fn check_motion(&self, motion: &Motion) -> Result<(), EkfError> {
         let covariance = motion.covariance(&self.memory.state.p.block(0, 0));
         guard::moved_is_sane(&motion.x, &covariance)
+    }
+}
+
+/// A motion on its way from one time to another.
+struct Telling<'a> {
+    process: &'a ProcessSettings,
+    scale: Vector2<f64>,
+    before: &'a CameraMatrix,
+    gyro: Option<Sensor<'a>>,
+    motion: Motion,
+    /// For how long the velocity may still be taken as constant, seconds.
+    left: f64,
+    /// For how long the gyroscope told the turn, seconds.
+    turned: f64,
+    /// By how much the turn changes with the gyroscope's clock, and the noise of that, rad/s.
+    by_clock: [f64; 2],
+}
+
+impl Telling<'_> {
+    /// From one time to another, as a reading over some seconds of it says, or at constant velocity; turning as the gyroscope
+    /// says, as far as it does.
+    fn go(&mut self, from: f64, until: f64, reading: Option<&dyn Fn(f64) -> Reading>) {
+        let Some(gyro) = self.gyro else {
+            return self.go_untold(until - from, reading);
+        };
+        let mut now = from;
+        for (begin, end) in gyro.told(from, until) {
+            self.go_untold(begin - now, reading);
+            let turn = gyro.turn(begin, end);
+            let dt = end - begin;
+            if let Some(reading) = reading {
+                let reading = reading(dt);
+                self.motion
+                    .follow_turning(&turn, &reading, &self.scale, self.before, self.process);
+            } else {
+                let drifted = dt.min(self.left);
+                self.left -= drifted;
+                self.motion.turn(&turn, drifted, self.process);
+            }
+            let (by, noise) = turn.by_clock();
+            self.by_clock = [self.by_clock[0].max(by), noise];
+            self.turned += dt;
+            now = end;
+        }
+        self.go_untold(until - now, reading);
+    }
+
+    /// The same where no gyroscope says how it turns.
+    fn go_untold(&mut self, dt: f64, reading: Option<&dyn Fn(f64) -> Reading>) {
+        let (motion, process) = (&mut self.motion, self.process);
+        let Some(reading) = reading else {
+            let dt = dt.min(self.left);
+            if dt > 0.0 {
+                self.left -= dt;
+                motion.drift(dt, process.velocity, process);
+            }
+            return;
+        };
+        if dt > 0.0 {
+            motion.follow(dt, &reading(dt), &self.scale, self.before, process);
+        }
     }
 }
 

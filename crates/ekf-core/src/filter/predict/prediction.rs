@@ -75,6 +75,10 @@ impl Filter {
             self.setup.settings.worn.late
         };
         self.memory.odometry.forget_until(t - 2.0 * late);
+        let stamp = t - 2.0 * late - self.gyro_clock_margin();
+        if let Some(imu) = &mut self.memory.imu {
+            imu.forget_until(stamp);
+        }
         self.memory.time = Some(t);
     }
 
@@ -97,12 +101,7 @@ impl Filter {
         self.memory.wheels = Wheels::default();
         let settings = &self.setup.settings;
         predict::predict(&mut self.memory.state, dt, &settings.process);
-        predict::forget(
-            &mut self.memory.state,
-            dt,
-            &settings.worn,
-            &settings.odometry,
-        );
+        predict::forget(&mut self.memory.state, dt, settings);
     }
 
     /// What the camera's motion brings into view, and what the map transfers.

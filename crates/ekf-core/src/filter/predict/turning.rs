@@ -1,9 +1,11 @@
-//! A prediction that takes the camera's turn from two images, where the map does not tell it (METHOD 27).
+//! A prediction that takes the camera's turn from two images, where the map does not tell it (METHOD 27), and what they say of a
+//! gyroscope (METHOD 28).
 
 use super::odometry::camera_of;
-use crate::chi2::SURE_LEVEL;
+use crate::chi2;
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
+use crate::filter::memory::Memory;
 use crate::filter::memory::wheels::Wheels;
 use crate::guard;
 use crate::gyroscope::{self, ImageTurn, Surroundings};
@@ -30,7 +32,8 @@ impl Filter {
     /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show:
     /// points of the frame at `since`, seconds, were `before` and are `now`, pixels of Cs. To be asked where the frame has
     /// measured nothing; what was done since the checkpoint is undone. False, with nothing changed, where the images do not
-    /// tell the turn, the last checkpoint is not of that frame, or odometry told the motion.
+    /// tell the turn, the last checkpoint is not of that frame, odometry told the motion, or a gyroscope a turn that the images
+    /// do not contradict.
     ///
     /// # Errors
     /// `NonFinite`; `InvalidInput` if the lists differ in length; nothing changes then.
@@ -40,24 +43,15 @@ impl Filter {
         before: &[Vector2<f64>],
         now: &[Vector2<f64>],
     ) -> Result<bool, EkfError> {
-        let what = "points followed";
-        if before.len() != now.len() {
-            let why = format!(
-                "{} were and {} are in view; give pairs",
-                before.len(),
-                now.len()
-            );
-            return Err(EkfError::InvalidInput { what, why });
-        }
-        let mut numbers = before.iter().chain(now).flat_map(|uv| uv.iter());
-        if !since.is_finite() || numbers.any(|x| !x.is_finite()) {
-            return Err(EkfError::NonFinite { what });
-        }
-        let Some(motion) = self.turned_motion(since, before, now) else {
+        check_followed(since, before, now)?;
+        let Some((motion, is_told)) = self.turned_motion(since, before, now) else {
             return Ok(false);
         };
         let time = self.memory.time;
         self.rollback()?;
+        if is_told {
+            self.forget_rate();
+        }
         if let (Some(t), Some(last)) = (time, self.memory.time) {
             self.predict_along(&motion, t - last);
             self.arrive(t);
@@ -65,16 +59,68 @@ impl Filter {
         Ok(true)
     }
 
+    /// Whether the turn that the last two images show excludes what the gyroscope told of it; to be asked before the frame is
+    /// measured, with points as for [`Self::predict_again`]. False where the images do not tell the turn, and where no
+    /// gyroscope did.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn gyro_is_contradicted(
+        &self,
+        since: f64,
+        before: &[Vector2<f64>],
+        now: &[Vector2<f64>],
+    ) -> Result<bool, EkfError> {
+        check_followed(since, before, now)?;
+        if self.memory.wheels.turned.is_none() {
+            return Ok(false);
+        }
+        let shown = self.shown_turn(since, before, now);
+        Ok(shown.is_some_and(|(seen, kept, _)| self.excludes_told(&seen, &kept.state)))
+    }
+
+    /// The motion with the turn that the images show, and whether a gyroscope told another one.
     fn turned_motion(
         &self,
         since: f64,
         before: &[Vector2<f64>],
         now: &[Vector2<f64>],
-    ) -> Option<Motion> {
+    ) -> Option<(Motion, bool)> {
+        if self.memory.wheels.followed {
+            return None;
+        }
+        let is_told = self.memory.wheels.turned.is_some();
+        let (seen, kept, dt) = self.shown_turn(since, before, now)?;
+        let process = &self.setup.settings.process;
+        let mut block: CameraMatrix = kept.state.p.block(0, 0);
+        let reading = self.reading(&seen, &kept.state, dt);
+        let mut motion = Motion::new(camera_of(&kept.state));
+        if is_told {
+            if !self.excludes_told(&seen, &kept.state) {
+                return None;
+            }
+            // The rate of before is the gyroscope's, too.
+            let mut rate = block.fixed_view_mut::<3, 3>(POSE_DIM + 3, POSE_DIM + 3);
+            rate += Matrix3::identity() * process.start_angular_velocity_sd.powi(2);
+        } else if !motion.may_be(dt, &reading, &block, process, LEVEL) {
+            return None;
+        }
+        motion.follow(dt, &reading, &SVector::zeros(), &block, process);
+        guard::moved_is_sane(&motion.x, &motion.covariance(&block)).ok()?;
+        Some((motion, is_told))
+    }
+
+    /// The turn that the images show, what the filter was at the first of them, and the seconds between them.
+    fn shown_turn(
+        &self,
+        since: f64,
+        before: &[Vector2<f64>],
+        now: &[Vector2<f64>],
+    ) -> Option<(ImageTurn, &Memory, f64)> {
         let kept = &self.undo.kept.as_deref()?.memory;
         let dt = self.memory.time? - since;
         let is_next = kept.started && kept.time == Some(since) && 0.0 < dt && dt <= LONGEST;
-        if !is_next || self.memory.wheels.followed {
+        if !is_next {
             return None;
         }
         let ray = |uv| self.setup.camera.unproject(uv)?.try_normalize(0.0);
@@ -86,30 +132,25 @@ impl Filter {
             }
         }
         let seen = gyroscope::seen_turn(&pairs, &self.surroundings(&kept.state, dt))?;
-        if !self.is_spread(seen.agreeing.iter().map(|&i| pixels[i])) {
-            return None;
-        }
-        let block: CameraMatrix = kept.state.p.block(0, 0);
-        let mut motion = Motion::new(camera_of(&kept.state));
-        let reading = self.reading(&seen, &kept.state, dt);
-        if !motion.may_be(
-            dt,
-            &reading,
-            &block,
-            &self.setup.settings.process,
-            SURE_LEVEL,
-        ) {
-            return None;
-        }
-        motion.follow(
-            dt,
-            &reading,
-            &SVector::zeros(),
-            &block,
-            &self.setup.settings.process,
-        );
-        guard::moved_is_sane(&motion.x, &motion.covariance(&block)).ok()?;
-        Some(motion)
+        self.is_spread(seen.agreeing.iter().map(|&i| pixels[i]))
+            .then_some((seen, kept, dt))
+    }
+
+    /// Whether a turn that was seen excludes the one that a gyroscope told, of the present prediction.
+    fn excludes_told(&self, seen: &ImageTurn, then: &State) -> bool {
+        let Some(told) = self.memory.wheels.turned else {
+            return false;
+        };
+        let [from, to] = [then, &self.memory.state].map(|s| quat::rotation(&s.part::<4>(3)));
+        let turn = from.transpose() * to;
+        let off = quat::rotation_log(&(turn.transpose() * quat::rotation_exp(&seen.turn)));
+        let change = self.memory.state.angular_velocity() - then.angular_velocity();
+        let bent = Matrix3::identity() * self.shutter_variance(&change);
+        let spread = told + seen.covariance + bent;
+        let distance = ((spread + spread.transpose()) * 0.5)
+            .cholesky()
+            .map(|spread| off.dot(&spread.solve(&off)));
+        distance.is_some_and(|distance| distance > chi2::quantile(LEVEL, 3.0))
     }
 
     /// Whether points are spread over the image: somebody who walks by is on a part of it.
@@ -178,13 +219,30 @@ impl Filter {
         self.changes();
         self.memory.wheels = Wheels::default();
         let settings = &self.setup.settings;
-        crate::predict::predict_along(&mut self.memory.state, motion, None);
-        crate::predict::forget(
-            &mut self.memory.state,
-            dt,
-            &settings.worn,
-            &settings.odometry,
-        );
+        crate::predict::predict_along(&mut self.memory.state, motion, None, None);
+        crate::predict::forget(&mut self.memory.state, dt, settings);
         self.look_about();
     }
+}
+
+/// Points that were followed from one image to the next: pairs of finite pixels.
+fn check_followed(
+    since: f64,
+    before: &[Vector2<f64>],
+    now: &[Vector2<f64>],
+) -> Result<(), EkfError> {
+    let what = "points followed";
+    if before.len() != now.len() {
+        let why = format!(
+            "{} were and {} are in view; give pairs",
+            before.len(),
+            now.len()
+        );
+        return Err(EkfError::InvalidInput { what, why });
+    }
+    let mut numbers = before.iter().chain(now).flat_map(|uv| uv.iter());
+    if !since.is_finite() || numbers.any(|x| !x.is_finite()) {
+        return Err(EkfError::NonFinite { what });
+    }
+    Ok(())
 }
