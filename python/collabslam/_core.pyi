@@ -1074,6 +1074,36 @@ class Filter:
         """What is to be added to the gyroscope's stamps for those of the frames, as it is estimated, and the
         standard deviation of that, seconds.  None without a gyroscope.
         """
+    @property
+    def followed_gyro(self) -> bool:
+        """Whether the gyroscope told how the camera turned in the last prediction, for most of its time;
+        until a frame is measured.
+        """
+    @property
+    def follows_gyro(self) -> bool | None:
+        """Whether the gyroscope is followed where it says something; False once it was dropped.  None without
+        one.
+        """
+    def drop_gyro(self) -> None:
+        """Stops following the gyroscope, for good: its rates are not the camera's."""
+    def gyro_agrees(self, since: float, before: ArrayLike, now: ArrayLike) -> bool | None:
+        """Whether the turn that the last two images show is what the gyroscope told of it; None if they show
+        none, or no gyroscope told one.
+
+        To be asked before the frame is measured.
+
+        Parameters
+        ----------
+        since : float
+            Time of the first of the images, seconds: the frame of the last checkpoint.
+        before, now : (N, 2) float64
+            Where points were in it and are now, pixels of Cs.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes or NaN.
+        """
     def keep_pose(self, lateness: float) -> bool:
         """Keeps the camera's pose for views of Cf that come up to ``lateness`` seconds late, at most
         ``worn.late``; True if it did.

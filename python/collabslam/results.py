@@ -86,6 +86,27 @@ class PlacedCamera:
 
 
 @dataclass(frozen=True)
+class GyroEstimate:
+    """What is known of a gyroscope after a frame (METHOD section 28).
+
+    Attributes
+    ----------
+    bias, bias_sd : (3,) float64
+        Along its axes, rad/s, and standard deviations.
+    time_offset, time_offset_sd : float
+        What is to be added to its stamps for those of the frames, seconds, and its standard deviation.
+    followed : bool
+        Whether predictions follow it; False once the images have contradicted it too often.
+    """
+
+    bias: Array
+    bias_sd: Array
+    time_offset: float
+    time_offset_sd: float
+    followed: bool
+
+
+@dataclass(frozen=True)
 class StepResult:
     """What is known after a frame.
 
@@ -117,6 +138,8 @@ class StepResult:
         Where the worn cameras are whose views this frame used or looked at, by name; a `PlacedCamera` each.
     features : FrameFeatures
         What became of each feature that should be visible; a checkpoint does not keep it.
+    gyro : GyroEstimate or None
+        Of the gyroscope, where there is one.
     """
 
     t: float
@@ -132,6 +155,7 @@ class StepResult:
     diagnostics: dict[str, Any]
     worn: Mapping[str, PlacedCamera] = field(default_factory=dict)
     features: FrameFeatures = field(default_factory=FrameFeatures)
+    gyro: GyroEstimate | None = None
 
     @property
     def t_map_odom(self) -> Array:

@@ -281,7 +281,7 @@ fn what_is_refused_leaves_the_filter_as_it_was() {
     is(filter.add_gyro(0.0, &rate), "made without one");
     is(
         filter.set_imu(&(Matrix3::identity() * 2.0), 0.0),
-        "no rotation",
+        "rotation matrix",
     );
     is(filter.set_imu(&Matrix3::identity(), 1e3), "one clock");
     is(filter.set_imu(&Matrix3::identity(), f64::NAN), "NaN");

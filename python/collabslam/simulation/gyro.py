@@ -1,4 +1,4 @@
-"""A gyroscope in a rendered world: the true rates, with the errors of a sensor that is good, a phone's, or bad."""
+"""A gyroscope in a rendered world: true rates with the errors of a good sensor, a phone's or a bad one."""
 
 from __future__ import annotations
 

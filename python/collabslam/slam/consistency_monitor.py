@@ -13,6 +13,7 @@ import numpy as np
 from collabslam._core import SURE_LEVEL, FilterSettings, MeasurementOutcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
 from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
+from collabslam.slam.gyro_monitor import GyroMonitor
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
 from collabslam.slam.state import PersistentState
@@ -21,9 +22,10 @@ from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array
 
 NOTHING = ""
+GYRO = "gyro"
 WORN, WORN_MATCHES, SIZE, JUMP = "t_cf", "cf_matches", "size", "jump"
 MATCHES, MOVING, NOISE = "matches", "moving", "noise"
-CAUSES = (WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE)
+CAUSES = (GYRO, WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE)
 """Causes for which a frame is DEGRADED, the most telling first."""
 
 _LAST = 30
@@ -45,6 +47,8 @@ class ConsistencyMonitor(PersistentState):
     settings : FilterSettings
     size : MapSize
         What views of Cf say of the map's size.
+    gyro : GyroMonitor, optional
+        What the images say of a gyroscope.
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
@@ -58,8 +62,8 @@ class ConsistencyMonitor(PersistentState):
         ),
     }
 
-    def __init__(self, settings: FilterSettings, size: MapSize) -> None:
-        self._size = size
+    def __init__(self, settings: FilterSettings, size: MapSize, gyro: GyroMonitor | None = None) -> None:
+        self._size, self._gyro = size, gyro
         # A good batch fails the test of the batch with this probability, and loses a match or two then.
         self._expected = 1.0 - settings.validate.level
         self._matches = np.empty((0, 2))
@@ -92,6 +96,7 @@ class ConsistencyMonitor(PersistentState):
     def standing(self) -> str:
         """What the frames so far contradict: a camera that is lost does not make its map any better."""
         inconsistent = {
+            GYRO: self._gyro is not None and self._gyro.at_odds,
             WORN: any(
                 one["without"] <= _LAST
                 and (contradicted(one["against"]) or contradicted_lately(one["against"]))

@@ -13,10 +13,9 @@ from typing import Any
 from collabslam._core import UpdateReport
 from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
 from collabslam.frontend.flow import FlowImage
-from collabslam.frontend.followed import followed_points
 from collabslam.frontend.patch import SIZE
 from collabslam.results import FrameFeatures, PlacedCamera, StepResult
-from collabslam.slam.consistency_monitor import NOTHING
+from collabslam.slam.consistency_monitor import GYRO, NOTHING
 from collabslam.slam.frame_outcome import FrameOutcome
 from collabslam.slam.map_change import MapChange
 from collabslam.slam.parts import Parts
@@ -78,6 +77,7 @@ class FrameLoop:
         depths = parts.depth.take(view, found, overlap.ids, missing)
         report = self._update(found, overlap, depths)
         turned = not report.accepted and self._turn(view, last)
+        carried = not report.accepted and core.followed_gyro
         times.done("update")
         recovered = parts.recovery.attempt(view, report, followed=followed)
         times.done("relocalise")
@@ -102,7 +102,7 @@ class FrameLoop:
             change,
             followed=followed,
             slipped=slipped,
-            turned=turned,
+            turned=turned or carried,
         )
         parts.late.keep(view, found, outcome.seen, change)
         residual = {"target_residual_px": parts.start.residual(image, core.pose)}
@@ -148,18 +148,20 @@ class FrameLoop:
         )
 
     def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:
-        """The turn that the last two images show, where the map tells nothing of the frame (METHOD 27).
+        """Whether the last two images show the turn, where the map tells nothing of the frame (METHOD 27).
 
-        Not after a frame that failed, as after a cut, nor where the map is inconsistent: what moves would
-        pass for the scene.
+        It is then in the prediction, unless a gyroscope told the same one.  Not asked after a frame that
+        failed, as after a cut, nor where the map is inconsistent: what moves would pass for the scene.
         """
         parts, now = self._parts, self._parts.tracks.last_image
-        trusted = parts.monitor.unbroken and parts.consistency_monitor.standing() == NOTHING
-        if not (view.started and trusted) or last is None or now is None:
+        if not view.started or view.lost or last is None or now is None:
             return False
-        turn = self._filter.angular_velocity * (view.t - last[0])
-        images = last[1], now[1]
-        pairs = followed_points(images, parts.camera, turn, self._options.flow, view.hidden)
+        if self._filter.followed_gyro and (agrees := parts.gyro.agrees(view, last, now)) is not False:
+            return agrees is True
+        standing = parts.consistency_monitor.standing()
+        if not parts.monitor.unbroken or standing not in (NOTHING, GYRO):
+            return False
+        pairs = parts.gyro.followed(view, last[0], (last[1], now[1]))
         return self._filter.predict_again(last[0], *pairs)
 
     def _coast(self, t: float, blank: str, times: StageTimes, *, followed: bool) -> StepResult:
@@ -201,4 +203,5 @@ class FrameLoop:
             diagnostics={**counts, **plan, **sizes, **times.all()},
             worn=worn,
             features=features,
+            gyro=self._parts.gyro.estimate(),
         )

@@ -38,7 +38,7 @@ class FrameOutcome:
     slipped : bool
         Whether the wheels have slipped.
     turned : bool
-        Whether its turn was taken from images (METHOD 27).
+        Whether images (METHOD 27) or a gyroscope (METHOD 28) told its turn, and the map told nothing.
     """
 
     view: View

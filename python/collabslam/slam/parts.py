@@ -8,6 +8,7 @@ from collabslam._core import Camera, Filter
 from collabslam.errors import InputError
 from collabslam.settings.table import Settings
 from collabslam.slam.consistency_monitor import ConsistencyMonitor
+from collabslam.slam.gyro_monitor import GyroMonitor
 from collabslam.slam.map.management import MapManager, scarce_below
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.recovery.known_submaps import KnownSubmaps
@@ -88,7 +89,8 @@ class Parts:
         )
         self.blank = BlankImageDetector(options.blank_image)
         self.tracks = Tracks(camera, options, scarce_below(settings))
-        self.search = FrameSearch(core, self.tracks, self.printed, self.monitor, options.search)
+        self.gyro = GyroMonitor(core, camera, options.flow)
+        self.search = FrameSearch(core, self.tracks, self.printed, self.monitor, self.gyro, options.search)
         self.fixed = FixedContent(camera)
         self.depth = DepthInput()
         self.worn = WornMatcher(core, camera, worn_cameras, settings)
@@ -118,7 +120,7 @@ class Parts:
             restart=restart,
             size=self.size,
         )
-        self.consistency_monitor = ConsistencyMonitor(settings.filter, self.size)
+        self.consistency_monitor = ConsistencyMonitor(settings.filter, self.size, self.gyro)
         self.verdict = Verdict(
             core,
             monitor=self.monitor,

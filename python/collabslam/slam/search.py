@@ -1,10 +1,11 @@
-"""What a frame of Cs shows of what was expected (METHOD 7.2 and 7.3), also where the wheels have slipped."""
+"""What a frame of Cs shows of what was expected (METHOD 7.2, 7.3), also where wheels or a gyroscope err."""
 
 from __future__ import annotations
 
 from collabslam._core import Filter, Prediction
 from collabslam.frontend.search import GATE
 from collabslam.settings.frontend import SearchSettings
+from collabslam.slam.gyro_monitor import GyroMonitor
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.tracking.tracks import TrackingResult, Tracks
@@ -20,6 +21,7 @@ class FrameSearch:
     tracks : Tracks
     printed : PrintedTargets
     monitor : StatusMonitor
+    gyro : GyroMonitor
     settings : SearchSettings
     """
 
@@ -29,10 +31,11 @@ class FrameSearch:
         tracks: Tracks,
         printed: PrintedTargets,
         monitor: StatusMonitor,
+        gyro: GyroMonitor,
         settings: SearchSettings,
     ) -> None:
         self._filter, self._tracks, self._printed = core, tracks, printed
-        self._monitor, self._settings = monitor, settings
+        self._monitor, self._gyro, self._settings = monitor, gyro, settings
 
     def expected(self, view: View) -> Prediction:
         """Features to search, with their predicted pixels.
@@ -51,10 +54,22 @@ class FrameSearch:
     def search(
         self, view: View, expected: Prediction, *, followed: bool
     ) -> tuple[Prediction, TrackingResult, bool]:
-        """What was expected, what the image shows of it, and whether ``followed`` wheels slipped."""
+        """What was expected, what the image shows of it, and whether what told the motion is contradicted.
+
+        That is wheels that were ``followed``, as soon as they are contradicted by the map; and a gyroscope,
+        if the turn of the whole image contradicts it, too.
+        """
+        last = self._tracks.last_image
         found = self._look(view, expected)
+        if view.lost:
+            return expected, found, False
+        turned, wrong = self._filter.followed_gyro, False
         least = self._monitor.min_inliers(len(found.searched))
-        if followed and not view.lost and self._filter.contradicts_odometry(found.ids, found.uv, least):
+        contradicted = (followed or turned) and self._filter.contradicts_odometry(found.ids, found.uv, least)
+        if turned and contradicted:
+            wrong = self._gyro.agrees(view, last, self._tracks.last_image) is False
+        self._gyro.take(contradicted=wrong)
+        if wrong or (followed and contradicted):
             return self._after_slip(view, expected, found)
         return expected, found, False
 

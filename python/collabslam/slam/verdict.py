@@ -65,11 +65,12 @@ class Verdict:
         """The status of a frame that shows nothing.
 
         A blank image says that the camera sees nothing; a frozen one says nothing of the camera.  Neither
-        says anything against odometry that was followed.
+        says anything against odometry or a gyroscope that was followed.
         """
         if frozen and self._filter.started and self._monitor.is_fresh(t):
             return Status.OK
-        return self._judge(t, 0, accepted=frozen or followed, followed=followed)
+        told = followed or self._filter.followed_gyro
+        return self._judge(t, 0, accepted=frozen or told, followed=followed)
 
     def _judge(
         self, t: float, inliers: int, *, accepted: bool, followed: bool, identified: bool = False

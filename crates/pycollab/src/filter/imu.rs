@@ -84,14 +84,15 @@ impl PyFilter {
         self.read(py, |f| Ok(f.gyro_clock()))
     }
 
-    /// Whether the gyroscope told how the camera turned in the last prediction, for most of its time; until a
-    /// frame is measured.
+    /// Whether the gyroscope told how the camera turned in the last prediction, for most of its time;
+    /// until a frame is measured.
     #[getter]
     fn followed_gyro(&self, py: Python<'_>) -> PyResult<bool> {
         self.read(py, |f| Ok(f.followed_gyro()))
     }
 
-    /// Whether the gyroscope is followed where it says something; False once it was dropped, None without one.
+    /// Whether the gyroscope is followed where it says something; False once it was dropped.  None without
+    /// one.
     #[getter]
     fn follows_gyro(&self, py: Python<'_>) -> PyResult<Option<bool>> {
         self.read(py, |f| Ok(f.follows_gyro()))
@@ -105,7 +106,8 @@ impl PyFilter {
         })
     }
 
-    /// Whether the turn that the last two images show excludes what the gyroscope told of it.
+    /// Whether the turn that the last two images show is what the gyroscope told of it; None if they show
+    /// none, or no gyroscope told one.
     ///
     /// To be asked before the frame is measured.
     ///
@@ -120,15 +122,15 @@ impl PyFilter {
     /// ------
     /// InputError
     ///     For wrong shapes or NaN.
-    fn gyro_is_contradicted(
+    fn gyro_agrees(
         &self,
         py: Python<'_>,
         since: f64,
         before: Argument<'_>,
         now: Argument<'_>,
-    ) -> PyResult<bool> {
+    ) -> PyResult<Option<bool>> {
         let before = pixels("points followed", &before)?;
         let now = pixels("points followed", &now)?;
-        self.read(py, |f| f.gyro_is_contradicted(since, &before, &now))
+        self.read(py, |f| f.gyro_agrees(since, &before, &now))
     }
 }

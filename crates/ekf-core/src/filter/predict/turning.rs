@@ -59,24 +59,24 @@ impl Filter {
         Ok(true)
     }
 
-    /// Whether the turn that the last two images show excludes what the gyroscope told of it; to be asked before the frame is
-    /// measured, with points as for [`Self::predict_again`]. False where the images do not tell the turn, and where no
+    /// Whether the turn that the last two images show is what the gyroscope told of it; to be asked before the frame is
+    /// measured, with points as for [`Self::predict_again`]. `None` where the images do not tell the turn, and where no
     /// gyroscope did.
     ///
     /// # Errors
     /// As there.
-    pub fn gyro_is_contradicted(
+    pub fn gyro_agrees(
         &self,
         since: f64,
         before: &[Vector2<f64>],
         now: &[Vector2<f64>],
-    ) -> Result<bool, EkfError> {
+    ) -> Result<Option<bool>, EkfError> {
         check_followed(since, before, now)?;
         if self.memory.wheels.turned.is_none() {
-            return Ok(false);
+            return Ok(None);
         }
         let shown = self.shown_turn(since, before, now);
-        Ok(shown.is_some_and(|(seen, kept, _)| self.excludes_told(&seen, &kept.state)))
+        Ok(shown.map(|(seen, kept, _)| !self.excludes_told(&seen, &kept.state)))
     }
 
     /// The motion with the turn that the images show, and whether a gyroscope told another one.
