@@ -2,7 +2,7 @@
 //! gyroscope (METHOD 28).
 
 use super::odometry::camera_of;
-use crate::chi2;
+use crate::chi2::{self, SURE_LEVEL};
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::Memory;
@@ -27,6 +27,10 @@ const UNTOLD: f64 = 1e6;
 /// Least standard deviation of the points that agree along each side of the image, as a share of that side: where they are all
 /// over it, it is 0.29.
 const SPREAD: f64 = 0.12;
+
+/// By how much a turn that is seen may be off where a wall is slanted, as a share of it: standard deviation. The claimed one takes
+/// depths as independent.
+const SLANTED: f64 = 0.15;
 
 impl Filter {
     /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show:
@@ -102,7 +106,7 @@ impl Filter {
             // The rate of before is the gyroscope's, too.
             let mut rate = block.fixed_view_mut::<3, 3>(POSE_DIM + 3, POSE_DIM + 3);
             rate += Matrix3::identity() * process.start_angular_velocity_sd.powi(2);
-        } else if !motion.may_be(dt, &reading, &block, process, LEVEL) {
+        } else if !motion.may_be(dt, &reading, &block, process, SURE_LEVEL) {
             return None;
         }
         motion.follow(dt, &reading, &SVector::zeros(), &block, process);
@@ -145,12 +149,14 @@ impl Filter {
         let turn = from.transpose() * to;
         let off = quat::rotation_log(&(turn.transpose() * quat::rotation_exp(&seen.turn)));
         let change = self.memory.state.angular_velocity() - then.angular_velocity();
-        let bent = Matrix3::identity() * self.shutter_variance(&change);
-        let spread = told + seen.covariance + bent;
+        let bent = self.shutter_variance(&change);
+        let largest = quat::rotation_log(&turn).norm().max(seen.turn.norm());
+        let more = Matrix3::identity() * (bent + (SLANTED * largest).powi(2));
+        let spread = told + seen.covariance + more;
         let distance = ((spread + spread.transpose()) * 0.5)
             .cholesky()
             .map(|spread| off.dot(&spread.solve(&off)));
-        distance.is_some_and(|distance| distance > chi2::quantile(LEVEL, 3.0))
+        distance.is_some_and(|distance| distance > chi2::quantile(SURE_LEVEL, 3.0))
     }
 
     /// Whether points are spread over the image: somebody who walks by is on a part of it.
