@@ -210,7 +210,7 @@ def test_commands_run(page: Path, there: Path) -> None:
     for words in commands(page):
         if words[:2] == ["collabslam", "live"] and find_spec("zenoh") is None:
             continue  # the extra live is not installed
-        for new in ("copied", "new", "calibrated", "odometry", "odometry-mcap"):
+        for new in ("copied", "new", "calibrated", "odometry", "odometry-mcap", "level.csv"):
             if new in words:
                 shutil.rmtree(there / new, ignore_errors=True)
         play(words, there)

@@ -22,6 +22,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", metavar="RUN", type=Path, help="result folder of a run")
     parser.add_argument("out", metavar="OUT", type=Path, help="new file, or folder of a bag")
     texts = "; ".join(f"{name}: {text}" for name, text in FORMATS.items())
+    parser.add_argument(
+        "--world",
+        choices=("start", "level"),
+        default="start",
+        help="axes: those of Cs at the start (x right, y down, z forward; default), or level (x ahead, "
+        "y left, z up), of a run with --world level",
+    )
     parser.add_argument("--to", metavar="FORMAT", required=True, choices=FORMATS, help=texts)
 
 
@@ -30,18 +37,22 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.errors import DataError
     from collabslam.formats import landmarks, trajectory
     from collabslam.formats import ros_odometry as rosbag
+    from collabslam.runs.results import LEVEL_TRAJECTORY
     from collabslam.runs.run_folder import RunFolder
 
     run, out, kind = RunFolder(arguments.run), arguments.out, arguments.to
+    level = arguments.world == "level"
+    if level and not (run.path / LEVEL_TRAJECTORY).is_file():
+        raise DataError(f"{run.path} has no poses in a level world; run the recording with --world level.")
     for place in (out, trajectory.kitti_stamps(out)) if kind == "kitti" else (out,):
         if place.exists():
             raise DataError(f"The file {place} exists already; give another place.")
     if kind == "csv":
-        points = run.landmarks()
+        points = run.level_landmarks() if level else run.landmarks()
         landmarks.write_csv(out, points)
         print(f"{len(points.ids)} landmarks are in {out}")
         return OK
-    times, poses, covariances = run.trajectory()
+    times, poses, covariances = run.level_trajectory() if level else run.trajectory()
     if not run.is_metric():
         print("collabslam: warning: lengths are in an arbitrary unit, not metres.", file=sys.stderr)
     if kind == "euroc":
@@ -50,6 +61,7 @@ def main(arguments: argparse.Namespace) -> int:
         print(f"the stamps are in {trajectory.write_kitti(out, times, poses)}")
     else:
         storage = "mcap" if kind == "ros2-mcap" else "sqlite3"
-        rosbag.write_odometry(out, times, poses, covariances, run.corrected(), storage=storage)
+        corrected = None if level else run.corrected()
+        rosbag.write_odometry(out, times, poses, covariances, corrected, storage=storage)
     print(f"{len(times)} poses are in {out}")
     return OK

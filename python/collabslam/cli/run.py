@@ -46,6 +46,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--save-map", metavar="FILE", type=Path, help="write the map at the end, to start in with --map"
     )
+    parser.add_argument(
+        "--world",
+        metavar="level[:ROLL,PITCH]",
+        help="write poses and map in a level world, too (x ahead, y left, z up), as the accelerometer tells "
+        "which way is down, or roll and pitch of Cs at the start, degrees (looking down by 10 is 0,10)",
+    )
     parser.add_argument("--max-frames", metavar="N", type=int, help="stop after so many frames")
     group = parser.add_argument_group("stop and go on")
     group.add_argument(
@@ -96,6 +102,7 @@ def _run(arguments: argparse.Namespace) -> int:
         checkpoint_every=arguments.checkpoint_every,
         reopen=source,
         progress=True,
+        world=arguments.world,
         notes=options.notes_of(arguments),
     )
     with options.watching(recording, arguments) as watch:
@@ -179,12 +186,16 @@ def _show(result: RunResult, arguments: argparse.Namespace) -> int:
 
 def _report(summary: Summary, folder: Path) -> int:
     """Print what came out, and say it as an exit status."""
+    from collabslam.runs.level import WORLD_NOTE
     from collabslam.runs.report import summary_text, untrusted_text, unused_text
     from collabslam.runs.summary import TERMINATED as BY_SIGTERM
     from collabslam.runs.summary import is_trusted
 
     print(summary_text(summary))
     print(f"  results are in {folder}")
+    if WORLD_NOTE in summary["options"] and summary["level"] is None:
+        text = "nothing tells which way is down (see --world): no level poses are written"
+        print(f"collabslam: warning: {text}.", file=sys.stderr)
     if unused := unused_text(summary):
         print(f"collabslam: warning: {unused}.", file=sys.stderr)
     if summary["interrupted"]:

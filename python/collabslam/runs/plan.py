@@ -75,6 +75,9 @@ class Output:
         For the checkpoint: how the recording is opened again, where `run` is given one that is open.
     progress : bool
         Whether to show progress on standard error.
+    world : str or None
+        ``level`` or ``level:ROLL,PITCH[,SD]``: write poses and map in a level world, too; see
+        `collabslam.runs.level.parse_world`.
     notes : mapping
         Further facts for the summary's ``options``, such as how the worn camera was emulated.
     """
@@ -86,6 +89,7 @@ class Output:
     checkpoint_every: int | str | None = None
     reopen: Source | None = None
     progress: bool = False
+    world: str | None = None
     notes: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -74,7 +74,7 @@ def summary_text(summary: Summary) -> str:
     if not summary["metric"]:
         head += f" (lengths are in {summary['unit']}, not metres)"
     rows = [[label, text(summary)] for label, text in LINES]
-    return head + "\n" + text_table([*rows, *_gyro(summary), *_persons(summary)])
+    return head + "\n" + text_table([*rows, *_gyro(summary), *_level(summary), *_persons(summary)])
 
 
 DEGRADED_BY = {
@@ -188,6 +188,15 @@ def _gyro(summary: Summary) -> list[list[str]]:
         ["  bias", f"{bias} rad/s (sd {max(gyro['bias_sd_rad_s']):.4f})"],
         ["  added to its stamps", f"{clock} (sd {number(gyro['clock_offset_sd_s'], 1, scale=1e3)})"],
     ]
+
+
+def _level(summary: Summary) -> list[list[str]]:
+    """How Cs was turned against the horizon at the start."""
+    level = summary.get("level")
+    if not level:
+        return []
+    angles = f"{level['roll_deg']:.1f}, {level['pitch_deg']:.1f} degrees (sd {level['sd_deg']:.1f})"
+    return [["roll, pitch at the start", f"{angles}, {level['source']}"]]
 
 
 def _persons(summary: Summary) -> list[list[str]]:

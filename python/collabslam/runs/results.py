@@ -2,7 +2,7 @@
 
 A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame), ``trajectory.tum``
 and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``corrected.tum``,
-``whole_map.ply``, ``submaps.tum``, ``submaps.cov``,
+``whole_map.ply``, ``submaps.tum``, ``submaps.cov``, ``level.tum``, ``level.cov``, ``level.ply``,
 ``trajectory.png`` and ``summary.json``; those of
 `worn_results` where there are worn cameras; ``checkpoint.bin`` until a run that keeps one is done;
 ``traceback.txt`` of one that a fault of this program ended.  Those of ``LINES`` grow line by
@@ -39,6 +39,7 @@ from collabslam.formats.trajectory import (
 )
 from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.runs.folder import CONFIG, unwritable
+from collabslam.runs.level import Level
 from collabslam.runs.worn_results import PATTERNS, WornTracks, worn_cells, worn_columns
 from collabslam.types import Array
 
@@ -46,6 +47,7 @@ FRAMES, TRAJECTORY, COVARIANCE = "frames.csv", "trajectory.tum", "trajectory.cov
 GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"
 SUBMAPS, SUBMAPS_COVARIANCE = "submaps.tum", "submaps.cov"
 CORRECTED, WHOLE_MAP = "corrected.tum", "whole_map.ply"
+LEVEL_TRAJECTORY, LEVEL_COVARIANCE, LEVEL_MAP = "level.tum", "level.cov", "level.ply"
 CHECKPOINT, TRACEBACK = "checkpoint.bin", "traceback.txt"
 LINES = (FRAMES, COVARIANCE, TRAJECTORY)
 """Files that grow line by line; a pose's covariance comes before the pose."""
@@ -56,6 +58,9 @@ AT_THE_END = (
     WHOLE_MAP,
     SUBMAPS,
     SUBMAPS_COVARIANCE,
+    LEVEL_TRAJECTORY,
+    LEVEL_COVARIANCE,
+    LEVEL_MAP,
     PICTURE,
     SUMMARY,
 )
@@ -115,6 +120,7 @@ DIAGNOSTICS = (
 )
 _CORRECTED_NOTE = "# Valid poses, as the loops of the whole run correct them."
 _SUBMAPS_NOTE = "# Poses at the ends of submaps, as loops correct them."
+_LEVEL_NOTE = "# W is level here: x ahead, y left, z up; the covariance has what is not known of that."
 _TRUTH_NOTE = "# True poses, moved so that the one at the start equals the estimate's."
 _TRUTH_NOTE_SCALED = "# True poses, moved so that the one at the start equals the estimate's, in its unit."
 LEADING = ("index", "t", "status", "valid", "started", "worn")
@@ -244,6 +250,14 @@ class ResultWriter:
         write_tum(self.folder / SUBMAPS, submaps.times, submaps.poses, note=_SUBMAPS_NOTE, unit=unit)
         write_covariances(self.folder / SUBMAPS_COVARIANCE, submaps.times, submaps.covariances, unit)
         write_ply(self.folder / WHOLE_MAP, submaps.landmarks, unit)
+
+    def level(self, record: RunRecord, landmarks: Landmarks, level: Level) -> None:
+        """Poses and map in a level world."""
+        use, unit = record.valid, self._unit
+        poses, covariances = level.poses(record.poses[use], record.covariances[use])
+        write_tum(self.folder / LEVEL_TRAJECTORY, record.times[use], poses, note=_LEVEL_NOTE, unit=unit)
+        write_covariances(self.folder / LEVEL_COVARIANCE, record.times[use], covariances, unit)
+        write_ply(self.folder / LEVEL_MAP, level.landmarks(landmarks), unit)
 
     def complete(self) -> None:
         """Nothing is left to do: the checkpoint is removed."""

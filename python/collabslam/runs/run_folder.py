@@ -16,7 +16,17 @@ from collabslam.formats.landmarks import read_ply
 from collabslam.formats.trajectory import ARBITRARY, read_covariances
 from collabslam.results import Landmarks
 from collabslam.runs.folder import is_result_folder
-from collabslam.runs.results import CORRECTED, COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY
+from collabslam.runs.results import (
+    CORRECTED,
+    COVARIANCE,
+    FRAMES,
+    LEVEL_COVARIANCE,
+    LEVEL_MAP,
+    LEVEL_TRAJECTORY,
+    MAP,
+    SUMMARY,
+    TRAJECTORY,
+)
 from collabslam.runs.worn_results import worn_files
 from collabslam.types import Array
 
@@ -42,6 +52,14 @@ class RunFolder:
     def trajectory(self) -> tuple[Array, Array, Array]:
         """Times (N,), poses ``T_WC`` (N, 4, 4) and covariances (N, 6, 6) of the valid frames."""
         return self._track(TRAJECTORY, COVARIANCE)
+
+    def level_trajectory(self) -> tuple[Array, Array, Array]:
+        """The same in the level world, of a run that was asked for it."""
+        return self._track(LEVEL_TRAJECTORY, LEVEL_COVARIANCE)
+
+    def level_landmarks(self) -> Landmarks:
+        """The map at the end in the level world."""
+        return read_ply(self.path / LEVEL_MAP)
 
     def worn_trajectory(self, name: str = "") -> tuple[Array, Array, Array]:
         """Of a person's worn camera: times of its views, ``T_WF``, covariances; "" is a single one's."""

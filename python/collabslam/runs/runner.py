@@ -19,6 +19,7 @@ from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.runs.checkpoint import Checkpoint, fingerprint
 from collabslam.runs.folder import claim, locked
 from collabslam.runs.interrupts import Interrupts
+from collabslam.runs.level import LEVEL, WORLD_NOTE, Level, measured_level, parse_world
 from collabslam.runs.plan import MODE_KEY, Interval, Output, Plan
 from collabslam.runs.progress import Progress
 from collabslam.runs.results import ResultWriter, jsonable
@@ -67,6 +68,8 @@ class RunResult:
         Where the results are.
     submaps : SubmapPoses or None
         The submaps of the way and the loops between them, of an engine that has any.
+    level : Level or None
+        Which way is down, where anything tells it.
     """
 
     summary: Summary
@@ -75,6 +78,7 @@ class RunResult:
     landmarks: Landmarks
     folder: Path | None = None
     submaps: SubmapPoses | None = None
+    level: Level | None = None
 
 
 def run(
@@ -142,7 +146,7 @@ def run(
         start if isinstance(start, str) else "map",
         start != "scale-free" if isinstance(start, str) else start.metric,
         settings.replace({MODE_KEY: mode}),
-        jsonable({**output.notes, **_printed_note(printed)}),
+        jsonable({**output.notes, **_printed_note(printed), **_world_note(output.world, recording)}),
         None if output.checkpoint_every is None else Interval.parse(output.checkpoint_every),
     )
     if plan.every is not None and (output.folder is None or slam is not None):
@@ -221,6 +225,19 @@ def default_start(recording: Recording, printed: Sequence[Tag | Board] = ()) -> 
 def _printed_note(printed: Sequence[Tag | Board]) -> dict[str, list[str]]:
     """The printed targets, for the summary."""
     return {"printed": [str(target) for target in printed]} if printed else {}
+
+
+def _world_note(world: str | None, recording: Recording) -> dict[str, str]:
+    """That the results are to be level, for the summary; raises SettingsError if nothing can tell it."""
+    if world is None:
+        return {}
+    log = getattr(recording, "imu", None)
+    if parse_world(world) is None and (log is None or log.accelerations is None):
+        raise SettingsError(
+            f"{recording.name} has no accelerometer that tells which way is down; give --gyro FILE with ax, "
+            "ay, az, or --world level:ROLL,PITCH (degrees, of Cs at the start)."
+        )
+    return {WORLD_NOTE: world}
 
 
 def make_engine(
@@ -349,15 +366,25 @@ class _Run:
         before = getattr(self.recording, "left_out", 0)
         summary["frames_out_of_order"] = before + len(self.recording) - len(usable)
         summary["gyro"] = gyro_numbers(self.engine, self.recording, self.record)
+        level = self._level()
+        summary["level"] = None if level is None else level.numbers()
         submaps = _submaps(self.engine)
         summary["submaps"] = 0 if submaps is None else len(submaps.times)
         summary["loops"] = [] if submaps is None else [asdict(loop) for loop in submaps.loops]
-        return RunResult(summary, self.record, aligned, landmarks, self.folder, submaps)
+        return RunResult(summary, self.record, aligned, landmarks, self.folder, submaps, level)
+
+    def _level(self) -> Level | None:
+        """Which way is down: as it was told, or as the accelerometer has it."""
+        told = parse_world(self.plan.notes.get(WORLD_NOTE, LEVEL))
+        log = getattr(self.recording, "imu", None)
+        return told or measured_level(self.record, log, self.plan.settings, metric=self.plan.metric)
 
     def _write(self, result: RunResult, writer: ResultWriter | None, save_map: Path | None) -> None:
         """What needs the whole run; the checkpoint goes last, when nothing else can fail."""
         if writer:
             poses = None if result.truth is None else result.truth.poses
+            if result.level is not None and WORLD_NOTE in self.plan.notes:
+                writer.level(self.record, result.landmarks, result.level)
             writer.finish(self.record, result.landmarks, poses, result.summary, result.submaps)
         if save_map is not None and len(result.landmarks.ids):
             self.engine.saved_map().save(save_map)
