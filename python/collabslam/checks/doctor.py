@@ -106,6 +106,7 @@ def _lost(frames: Frames) -> Iterator[str]:
 
 
 _REMEDIES = {
+    "gyro": "check its mount, unit and clock (collabslam check-calib), or leave it out (--gyro none)",
     "t_cf": "check its frame, unit, clock and covariance, and the focal lengths (collabslam check-calib)",
     "cf_matches": "T_CF is off by more than its covariance says, or a focal length is wrong (check-calib)",
     "size": "the map has lost its scale, as in a turn that showed little that stands still, or T_CF is too "
@@ -230,6 +231,11 @@ def _gyro(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
     gyro = summary.get("gyro")
     if not gyro:
         return
+    if not gyro["followed"]:
+        yield (
+            f"The gyroscope was left aside: the images of {gyro['contradicted']} frames contradict it; its "
+            "mount, unit or clock is wrong (collabslam check-calib says which)."
+        )
     used = frames["gyro_used"] == 1.0
     count, started = int(used.sum()), int(frames.started.sum())
     if not count:

@@ -78,6 +78,7 @@ def summary_text(summary: Summary) -> str:
 
 
 DEGRADED_BY = {
+    "gyro": "the gyroscope turns otherwise than the images do",
     "t_cf": "the images contradict T_CF by more than its covariance allows",
     "cf_matches": "points of the map are elsewhere in Cf than T_CF and its covariance say",
     "size": "Cf sees points of the map nearer or farther than the map has them, all by one factor",
@@ -182,9 +183,10 @@ def _gyro(summary: Summary) -> list[list[str]]:
     if not gyro:
         return []
     bias = " ".join(f"{b:.4f}" for b in gyro["bias_rad_s"])
+    dropped = "" if gyro["followed"] else "; left aside, the images contradict it"
     clock = number(gyro["clock_offset_s"], 1, "ms", 1e3)
     return [
-        ["gyroscope", f"{gyro['samples']} samples, turned {gyro['frames']} frames"],
+        ["gyroscope", f"{gyro['samples']} samples, turned {gyro['frames']} frames{dropped}"],
         ["  bias", f"{bias} rad/s (sd {max(gyro['bias_sd_rad_s']):.4f})"],
         ["  added to its stamps", f"{clock} (sd {number(gyro['clock_offset_sd_s'], 1, scale=1e3)})"],
     ]

@@ -51,8 +51,9 @@ def give_gyro(slam: Slam, log: ImuLog, t: float) -> None:
 
 
 def gyro_numbers(engine: object, recording: Recording, record: RunRecord) -> dict[str, Any] | None:
-    """For ``summary.json``: samples of the gyroscope and those left out, frames that it turned, and its bias,
-    rad/s, and clock, seconds, as the filter knows them at the end; None without one."""
+    """For ``summary.json``: samples of the gyroscope and those left out, frames that it turned and those
+    whose images contradict it, whether it was followed to the end, and its bias, rad/s, and clock, seconds,
+    as the filter knows them then; None without one."""
     log: ImuLog | None = getattr(recording, "imu", None)
     if log is None or not isinstance(engine, Slam) or engine.filter.gyro_bias is None:
         return None
@@ -62,6 +63,8 @@ def gyro_numbers(engine: object, recording: Recording, record: RunRecord) -> dic
         "samples": len(log),
         "left_out": log.left_out,
         "frames": int(np.nansum(record.diagnostic("gyro_used"))),
+        "contradicted": int(np.nansum(record.diagnostic("gyro_contradicted"))),
+        "followed": bool(engine.filter.follows_gyro),
         "bias_rad_s": bias.tolist(),
         "bias_sd_rad_s": np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(),
         "clock_offset_s": offset,

@@ -10,13 +10,15 @@ from helpers.clip import Clip
 from helpers.gyro import R_CI, Turned, of_clip
 
 from collabslam import Slam, run
-from collabslam.checks.doctor import diagnose
+from collabslam.checks import doctor
+from collabslam.checks.doctor import Frames, diagnose
 from collabslam.datasets import write_recording
 from collabslam.runs.plan import Output
-from collabslam.runs.report import summary_text
+from collabslam.runs.report import DEGRADED_BY, summary_text
 from collabslam.runs.run_folder import RunFolder
 from collabslam.runs.runner import resume
 from collabslam.runs.sensors import give_gyro
+from collabslam.slam.consistency_monitor import GYRO
 from collabslam.types import Imu
 
 
@@ -96,3 +98,27 @@ def test_a_run_that_stopped_goes_on_bit_for_bit(clip: Clip, tmp_path: Path) -> N
     np.testing.assert_array_equal(again.record.poses, whole.record.poses)
     np.testing.assert_array_equal(again.record.covariances, whole.record.covariances)
     assert again.summary["gyro"] == whole.summary["gyro"]
+
+
+def test_the_doctor_says_what_it_was_worth() -> None:
+    assert GYRO in DEGRADED_BY
+    assert GYRO in doctor._REMEDIES
+    rows = [
+        {"started": "1", "accepted": str(a), "gyro_used": str(u)}
+        for a, u in ((30, 1), (2, 1), (40, 0), (9, 1))
+    ]
+    numbers = {
+        "bias_rad_s": [0.01, 0.0, -0.02],
+        "bias_sd_rad_s": [0.001, 0.001, 0.002],
+        "contradicted": 0,
+        "followed": True,
+    }
+    said = list(doctor._gyro(Frames(rows), {"gyro": numbers}))
+    assert "in 3 of 4 frames, and alone in 1 in which" in said[0]
+    assert "0.0100 0.0000 -0.0200 rad/s (sd 0.0020)" in said[0]
+    assert "1 frames were predicted without it" in said[1]
+    left = list(doctor._gyro(Frames(rows), {"gyro": numbers | {"followed": False, "contradicted": 7}}))
+    assert "images of 7 frames contradict it" in left[0]
+    unused = list(doctor._gyro(Frames([{**row, "gyro_used": "0"} for row in rows]), {"gyro": numbers}))
+    assert "turned no frame" in unused[0]
+    assert list(doctor._gyro(Frames(rows), {"gyro": None})) == []
