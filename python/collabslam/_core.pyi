@@ -2655,13 +2655,13 @@ class WornSettings:
         """How the error of T_CF enters the matches of a frame."""
     @property
     def bias_share(self) -> float:
-        """Share of T_CF's stated variance that is a slowly varying bias (Gauss-Markov, along the axes
-        of Cs) rather than white noise, where the worn view itself does not say which part of its
-        covariance lasts.
+        """Share of T_CF's stated variance that lasts (Gauss-Markov, along the axes of Cs) and is
+        another error in each overlap, where the worn view itself does not say which part of its
+        covariance lasts; the rest is white noise.
         """
     @property
     def bias_time(self) -> float:
-        """Time constant of that bias."""
+        """Time constant of what lasts, within an overlap."""
     @property
     def common_share(self) -> float:
         """Share of T_CF's error, of its variance along the axes of Cs, that all worn cameras have in

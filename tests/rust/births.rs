@@ -621,20 +621,22 @@ fn a_point_is_fixed_to_the_camera_where_no_distance_explains_it() {
 /// What is still vague after its pixel in Cf was measured waits for a better view.
 #[test]
 fn a_tight_birth_of_vague_depth_is_taken_back() {
-    let start = |largest: f64| {
+    let start = |largest: f64, covariance: Matrix6<f64>| {
         let changes = [
             ("estimator.mode", name("collab-tight")),
             ("birth.max_rho_ratio", Value::Float(largest)),
             ("worn.start_births", Value::Int(1)),
         ];
         let mut scene = Scene::new(21, 60);
+        scene.worn_covariance = covariance;
         let mut filter = scene.filter(settings(&changes));
         filter.predict(0.0).expect("first frame");
         let (z, _) = scene.measure(0.0, &BTreeMap::new(), true);
         let report = filter.update(&z).expect("good measurements");
         (filter, report.views.concat())
     };
-    let (all, outcomes) = start(10.0);
+    // What all births share, the error of T_CF, does not count: a T_CF that is exact leaves what is each one's own.
+    let (all, outcomes) = start(10.0, worn_covariance() * 1e-8);
     let ratio = |outcome: &MeasurementOutcome| match outcome {
         MeasurementOutcome::Born(id) => {
             let rho = indices_of(&all, *id)[5];
@@ -649,13 +651,19 @@ fn a_tight_birth_of_vague_depth_is_taken_back() {
     sorted.sort_by(f64::total_cmp);
     let middle = ratios.len() / 2;
     let largest = 0.5 * (sorted[middle - 1] + sorted[middle]);
-    let (filter, judged) = start(largest);
-    assert_eq!(filter.map_size(), middle);
+    let (_, judged) = start(largest, worn_covariance());
+    let (mut kept, mut vague) = (0, 0);
     for (before, after) in outcomes.iter().zip(&judged) {
-        let vague = ratio(before).map(|ratio| ratio > largest);
+        let Some(ratio) = ratio(before) else { continue };
         let is_vague = *after == MeasurementOutcome::TooUncertain;
-        assert!(vague.is_none_or(|vague| vague == is_vague), "{judged:?}");
+        // The pixels of all of them tell T_CF, so that the point that it is judged at is a little elsewhere.
+        if (ratio / largest).ln().abs() > 0.2 {
+            assert_eq!(ratio > largest, is_vague, "{ratio} {largest}");
+            kept += usize::from(!is_vague);
+            vague += usize::from(is_vague);
+        }
     }
+    assert!(kept > 3 && vague > 3, "{kept} {vague}");
 }
 
 #[test]

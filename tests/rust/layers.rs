@@ -33,7 +33,8 @@ const CRATE: Table = &[
         "view_planning",
         &["math", "camera", "observe", "state", "scale"],
     ),
-    ("predict", &["chi2", "math", "settings", "state"]),
+    ("imu", &["error", "math"]),
+    ("predict", &["chi2", "math", "settings", "state", "imu"]),
     (
         "guard",
         &[
@@ -71,6 +72,7 @@ const CRATE: Table = &[
             "guard",
             "batch",
             "odometry",
+            "imu",
             "chi2",
             "gyroscope",
         ],

@@ -43,11 +43,12 @@ pub(crate) fn worn_covariance() -> Matrix6<f64> {
 
 pub(crate) fn settings(changes: &[(&str, Value)]) -> Settings {
     let mut settings = Settings::default();
-    // The simulated cameras take all rows at once.
+    // The simulated cameras take all rows at once, and each T_CF has an error of its own.
     for key in [
         "calibration.readout",
         "calibration.readout_sd",
         "worn.readout",
+        "worn.bias_share",
     ] {
         settings.set(key, &Value::Float(0.0)).expect("a setting");
     }

@@ -21,11 +21,14 @@ pub(crate) fn with_clone(seed: u64, changes: &[(&str, Value)]) -> Warm {
     warm
 }
 
-/// Measurements of the present frame; worn pairs of known features only, so that nothing is born.
+/// Measurements of the present frame; worn pairs of known features only, so that nothing is born. Views say what lasts of their
+/// errors, so that no overlap begins with another one.
 pub(crate) fn measure(warm: &mut Warm, with_worn: bool) -> Measurements {
     let (mut z, _) = warm.scene.measure(warm.t, &warm.known, with_worn);
+    let share = warm.filter.settings().worn.bias_share;
     for worn in &mut z.views {
         worn.pairs.retain(|p| p.id.is_some());
+        worn.bias = Some(worn.covariance * share);
     }
     z
 }

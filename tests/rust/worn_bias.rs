@@ -172,3 +172,41 @@ fn the_length_of_the_baseline_is_not_learned() {
     assert!(along.dot(&step).abs() < 1e-9 * step.norm(), "the length is");
     assert!(after.trace() < before.trace());
 }
+
+/// Nobody says what lasts: another overlap has an error of its own, of which nothing is known.
+#[test]
+fn another_overlap_has_another_error() {
+    let changes = [
+        ("estimator.mode", name("collab-tight")),
+        ("worn.bias_share", Value::Float(0.9)),
+    ];
+    let mut warm = with_clone(5, &changes);
+    let first = measure(&mut warm, true);
+    warm.filter.update(&first).expect("good measurements");
+    let (learned, shared) = of_bias(&warm.filter);
+    assert!(shared.abs().max() > 0.0, "the map holds some of the first");
+    let after = |seconds: f64, says_what_lasts: bool| {
+        let mut filter = warm.filter.clone();
+        filter.predict(warm.t + seconds).expect("time goes on");
+        let before = of_bias(&filter).0;
+        let mut z = first.clone();
+        z.bearings.clear();
+        let worn = &mut z.views[0];
+        worn.pairs.clear();
+        worn.bias = worn.bias.filter(|_| says_what_lasts);
+        filter.update(&z).expect("good measurements");
+        let now = of_bias(&filter);
+        (before, now.0, now.1.abs().max())
+    };
+    for (seconds, says) in [(0.5, false), (1.5, true)] {
+        let (before, now, shared) = after(seconds, says);
+        assert_eq!(
+            now, before,
+            "the same overlap, or a view that says what lasts"
+        );
+        assert!(shared > 0.0);
+    }
+    let (_, now, shared) = after(1.5, false);
+    assert!(now.trace() > learned.trace());
+    assert_eq!(shared, 0.0, "nothing joins it with the map");
+}

@@ -3,8 +3,7 @@
 //! A sample is the rate at its time; between two that are close the rate is taken as linear. Of a longer silence they say
 //! nothing, and the motion model bridges it.
 
-use crate::error::EkfError;
-use crate::guard;
+use crate::error::{EkfError, LAST_TIME};
 use crate::math::numbers;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -66,7 +65,7 @@ impl Imu {
                 what: "time of the gyroscope",
             });
         }
-        if t.abs() > guard::LAST_TIME {
+        if t.abs() > LAST_TIME {
             let why = format!("{t} s is not a time stamp in seconds; are these nanoseconds?");
             let what = "time of the gyroscope";
             return Err(EkfError::InvalidInput { what, why });
@@ -112,7 +111,7 @@ impl Imu {
     pub(crate) fn check(&self) -> Result<(), EkfError> {
         let mut samples = self.samples.iter();
         let known =
-            samples.all(|sample| sample.t.abs() <= guard::LAST_TIME && check(&sample.rate).is_ok());
+            samples.all(|sample| sample.t.abs() <= LAST_TIME && check(&sample.rate).is_ok());
         let mut stamps = self.samples.iter().zip(self.samples.iter().skip(1));
         let in_order = stamps.all(|(before, after)| before.t < after.t);
         if known && in_order && self.samples.len() <= MOST && check_mount(&self.r_ci).is_ok() {

@@ -44,12 +44,12 @@ pub mod validate;
 pub mod view_planning;
 
 pub use camera::{Camera, Distortion};
-pub use error::EkfError;
+pub use error::{EkfError, LAST_TIME};
 pub use filter::{
     Bearing, CandidateOutcome, Capture, ConditionalPrediction, ConditioningSet, DepthObservation,
     FEWEST_MATCHES, Filter, KnownMap, Landmark, MAX_RANGE_RATIO, MOST_KEPT_POSES,
     MeasurementOutcome, Measurements, PredictedFeature, Submap, TOLD_INFORMATION, UNKNOWN_SPEED,
     UNKNOWN_TURN, UpdateReport, ViewTiming, WornObservation, WornPair, WornPose,
 };
-pub use guard::{LARGEST_PIXEL, LAST_TIME};
+pub use guard::LARGEST_PIXEL;
 pub use settings::Settings;

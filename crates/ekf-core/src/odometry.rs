@@ -2,7 +2,7 @@
 //!
 //! A sample is the mean twist since the one before. It says nothing of a longer silence, which the motion model bridges.
 
-use crate::error::EkfError;
+use crate::error::{EkfError, LAST_TIME};
 use crate::guard;
 use crate::math::numbers;
 use crate::math::pose::Pose;
@@ -78,7 +78,7 @@ impl Odometry {
                 what: "time of the odometry",
             });
         }
-        if t.abs() > guard::LAST_TIME {
+        if t.abs() > LAST_TIME {
             let why = format!("{t} s is not a time stamp in seconds; are these nanoseconds?");
             let what = "time of the odometry";
             return Err(EkfError::InvalidInput { what, why });
@@ -149,7 +149,7 @@ impl Odometry {
             before = *t;
         }
         let last = self.last.unwrap_or(f64::NEG_INFINITY);
-        let known = self.last.is_none_or(|t| t.abs() <= guard::LAST_TIME);
+        let known = self.last.is_none_or(|t| t.abs() <= LAST_TIME);
         if !known || before > last || self.samples.len() > MOST {
             return Err(bad);
         }

@@ -229,11 +229,11 @@ macro_rules! filter_settings {
     worn: WornSettings {
         /// How the error of T_CF enters the matches of a frame.
         errors: WornErrors = WornErrors::Shared, "", None, None, Lab;
-        /// Share of T_CF's stated variance that is a slowly varying bias (Gauss-Markov, along the axes of Cs) rather than white
-        /// noise, where the worn view itself does not say which part of its covariance lasts.
-        bias_share: f64 = 0.0, "", Some(0.0), Some(1.0),
-            User("Raise it where the error of T_CF lasts from frame to frame and the recording does not say which part.");
-        /// Time constant of that bias.
+        /// Share of T_CF's stated variance that lasts (Gauss-Markov, along the axes of Cs) and is another error in each overlap, where
+        /// the worn view itself does not say which part of its covariance lasts; the rest is white noise.
+        bias_share: f64 = 0.9, "", Some(0.0), Some(1.0),
+            User("Set it to 0 where the errors of T_CF are known to be independent from frame to frame.");
+        /// Time constant of what lasts, within an overlap.
         bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6),
             User("Set it to how long an error of T_CF lasts, as its source states.");
         /// Share of T_CF's error, of its variance along the axes of Cs, that all worn cameras have in common in a frame, as where

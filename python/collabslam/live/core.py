@@ -164,7 +164,7 @@ class LiveCore:
                 view.image if view.pixels is None else view.pixels, self.slam.worn_cameras[name]
             )
         except (DataError, InputError):
-            self.senders.drop(view.session, BROKEN)
+            self.senders.dropped[BROKEN] += 1
             return
         worn: WornView | None
         if view.t_cf is not None and view.covariance is not None:
@@ -176,9 +176,9 @@ class LiveCore:
             if worn is not None:
                 self.slam.add_worn(worn)
             else:
-                self.senders.drop(view.session, UNPOSED)
+                self.senders.dropped[UNPOSED] += 1
         except InputError:
-            self.senders.drop(view.session, REFUSED)
+            self.senders.dropped[REFUSED] += 1
 
 
 def _with_clock_error(worn: WornView, t_sd: float, slam: Slam) -> WornView:

@@ -16,7 +16,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -44,14 +43,11 @@ class Pictures:
     give : callable
         Is given each view with its pixels, from a thread of its device's own.
     drop : callable
-        Is told whose view is dropped, and why.
+        Is told why a view is dropped.
     """
 
     def __init__(
-        self,
-        cameras: Mapping[str, Camera],
-        give: Callable[[LiveView], None],
-        drop: Callable[[str, str], None],
+        self, cameras: Mapping[str, Camera], give: Callable[[LiveView], None], drop: Callable[[str], None]
     ) -> None:
         self._cameras, self._give, self._drop = dict(cameras), give, drop
         self._lock = threading.Lock()
@@ -68,7 +64,7 @@ class Pictures:
             if self._closed:
                 return
             if name not in self._devices:
-                self._devices[name] = _Device(camera, self._give, partial(self._drop, name))
+                self._devices[name] = _Device(camera, self._give, self._drop)
             device = self._devices[name]
         device.add(view)
 

@@ -122,11 +122,21 @@ class Entry:
 
 @dataclass(frozen=True)
 class Ablation:
-    """Levers to switch one at a time: the changed settings of each, by its name."""
+    """Levers to switch one at a time.
+
+    Attributes
+    ----------
+    levers : mapping
+        The changed settings of each, by its name.
+    seeds, modes : tuple
+    code : mapping
+        By the name of a lever, the project's files that serve the rule that it takes away and nothing else.
+    """
 
     levers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     seeds: tuple[int, ...] = (0, 1, 2)
     modes: tuple[str, ...] = ("collab",)
+    code: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -210,12 +220,14 @@ def _entry(name: str, given: Mapping[str, Any], origin: str) -> Entry:
 
 
 def _ablation(tree: Any, where: str) -> Ablation:
-    given = _mapping(tree, where, ("seeds", "modes", "levers"))
+    given = _mapping(tree, where, ("seeds", "modes", "levers", "code"))
     levers = _mapping(given.get("levers") or {}, f"{where}, levers", None)
+    code = _mapping(given.get("code") or {}, f"{where}, code", tuple(map(str, levers)))
     return Ablation(
         {str(name): _settings(changes, f"{where}, {name}") for name, changes in levers.items()},
         parse_seeds(given["seeds"], where) if "seeds" in given else Ablation.seeds,
         _modes(given["modes"], f"{where}, modes") if "modes" in given else Ablation.modes,
+        {str(name): tuple(map(str, paths)) for name, paths in code.items()},
     )
 
 

@@ -175,7 +175,7 @@ def test_the_ablation_changes_one_lever_at_a_time(place: Path, tmp_path: Path) -
     assert len({r["settings_hash"] for r in rows}) == 3
     assert [r["mode"] for r in rows] == ["collab"] * 3  # the column is the mode; the lever may be another
     page = (tmp_path / "ablation.md").read_text()
-    assert "| nothing changed | 1.00 |" in page
+    assert "| nothing changed | 1.00 | - | " in page  # there is nothing but the one recording
     assert "| fewer |" in page
     assert all(i.done() for i in ablation.lever_items(find_plan(place, None), place, tmp_path, ["walk"], ()))
 

@@ -134,9 +134,12 @@ impl Filter {
         report: &mut UpdateReport,
         scratch: &mut Scratch,
     ) -> Result<bool, EkfError> {
-        let mark = self.memory.state.mark();
         let form = self.worn_form(z, !used.is_empty());
         let worn = z.first_view().filter(|_| form != WornForm::Unused);
+        if let Some(worn) = worn {
+            self.begin_overlap(worn);
+        }
+        let mark = self.memory.state.mark();
         if let Some(worn) = worn
             && (self.setup.settings.worn.errors == WornErrors::Shared
                 || compensated.is_some()
@@ -167,13 +170,14 @@ impl Filter {
             self.count_for_clock(worn, compensated, before);
         }
         match form {
-            WornForm::Tight => self.judge_tight_births(&newborn, report),
+            WornForm::Tight => self.judge_tight_births(&newborn, z, report),
             WornForm::Points | WornForm::BirthsOnly => self.instant_births(z, report),
             WornForm::Unused => {}
         }
         self.depth_births(z, report);
         if let Some(worn) = worn {
             used.push((worn.who, worn.t_cf.clone()));
+            self.go_on_overlapping(worn.who);
         }
         if let Some((worn, capture)) = z.first_view().and_then(|w| Some((w, w.capture?))) {
             self.memory.kept_poses.remember(worn.who, capture.t);

@@ -7,9 +7,6 @@ use crate::math::quat;
 use crate::observe::feature::FARTHEST;
 use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2};
 
-/// Largest time stamp, seconds: some thousand years; nanoseconds since 1970 are far beyond.
-pub const LAST_TIME: f64 = 1e11;
-
 /// Largest coordinate of a pixel, pixels.
 pub const LARGEST_PIXEL: f64 = 1e6;
 

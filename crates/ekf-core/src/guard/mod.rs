@@ -6,7 +6,7 @@
 mod input;
 mod state;
 
-pub use input::{LARGEST_PIXEL, LAST_TIME};
+pub use input::LARGEST_PIXEL;
 pub(crate) use input::{
     check_bias, check_once, check_pixels, check_pose, check_rigid, depth, is_covariance, lengths,
     pixel, variances,

@@ -59,6 +59,17 @@ impl State {
         }
     }
 
+    /// Takes a time-correlated error out of the state: from now on it is another one.
+    pub(crate) fn end_time_correlated(&mut self, owner: ErrorOwner) {
+        self.time_correlated.retain(|l| l.owner != owner);
+        if let ErrorOwner::Of(who) = owner
+            && let Some(clock) = self.clocks.get_mut(who)
+        {
+            clock.begin_anew();
+        }
+        self.remove(|b| b.kind == BlockKind::WornBias(owner));
+    }
+
     /// What the time-correlated error of a worn camera, along C's axes, is made of: blocks of the state and its derivatives by them.
     /// Nothing where it is not in the state.
     pub(crate) fn time_correlated_error(

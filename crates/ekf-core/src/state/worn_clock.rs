@@ -55,6 +55,15 @@ impl ToldOfClock {
         self.weight = all;
     }
 
+    /// The time-correlated error of T_CF is another one from now on: views of before are no measure of it.
+    pub(crate) fn begin_anew(&mut self) {
+        let information = self.information;
+        *self = Self {
+            information,
+            ..Self::nothing()
+        };
+    }
+
     /// What lasts of T_CF's error keeps this share of itself.
     pub(crate) fn forget(&mut self, share: f64) {
         let share = share * share;

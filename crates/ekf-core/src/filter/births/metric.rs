@@ -58,6 +58,10 @@ impl Filter {
                 if let Some(unrolled) = &unrolled {
                     new.share_motion(unrolled.by_motion);
                 }
+                if let (0, Some(offset)) = (frame, self.worn_error_offset(worn.who)) {
+                    let roll = self.worn_roll(worn.who, &pair.uv_f);
+                    new.share_worn_error(offset, &view.rho_by_tangent(), roll);
+                }
                 if frame > 0 {
                     new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
                 }
@@ -88,6 +92,7 @@ impl Filter {
     pub(crate) fn judge_tight_births(
         &mut self,
         newborn: &[(usize, u64)],
+        z: &Measurements,
         report: &mut UpdateReport,
     ) {
         let largest = self.setup.settings.birth.max_rho_ratio;
@@ -97,7 +102,7 @@ impl Filter {
                 gone.push(id);
             } else if let Ok(block) = self.memory.feature_block(id) {
                 let rho = self.memory.state.feature(&block).scale();
-                let variance = self.memory.state.p.get(block.offset + 5, block.offset + 5);
+                let variance = self.own_rho_variance(&block, z);
                 if rho <= 0.0 || variance.max(0.0).sqrt() > largest * rho {
                     gone.push(id);
                     report.views[0][i] = MeasurementOutcome::TooUncertain;
@@ -105,6 +110,21 @@ impl Filter {
             }
         }
         self.remove_blocks(&gone);
+    }
+
+    /// Variance of a new landmark's inverse range but for what the error of T_CF, which all of its view share, does to it.
+    fn own_rho_variance(&self, block: &Block, z: &Measurements) -> f64 {
+        let p = &self.memory.state.p;
+        let at = block.offset + 5;
+        let whole = p.get(at, at).max(0.0);
+        let worn = z
+            .first_view()
+            .and_then(|worn| self.worn_error_offset(worn.who));
+        let Some(error) = worn else { return whole };
+        let shared: SMatrix<f64, 6, 6> = p.block(error, error);
+        let with = SMatrix::<f64, 6, 1>::from_fn(|i, _| p.get(at, error + i));
+        let explained = shared.cholesky().map(|c| with.dot(&c.solve(&with)));
+        (whole - explained.unwrap_or(0.0)).max(0.0)
     }
 
     pub(crate) fn instant_births(&mut self, z: &Measurements, report: &mut UpdateReport) {

@@ -2,6 +2,7 @@
 
 pub(super) mod candidate;
 pub(super) mod followed;
+pub(super) mod last_view;
 pub(super) mod map_transfer;
 pub(super) mod pose_ring;
 pub(super) mod record;
@@ -18,6 +19,7 @@ use crate::odometry::Odometry;
 use crate::state::{Block, BlockKind, LinearPart, Mark, State};
 use candidate::Candidate;
 use followed::Followed;
+use last_view::LastView;
 use map_transfer::MapTransfer;
 use nalgebra::{SMatrix, SVector};
 use pose_ring::KeptPoses;
@@ -44,6 +46,8 @@ pub(crate) struct Memory {
     pub(crate) kept_poses: KeptPoses,
     pub(crate) map_frame: MapFrame,
     pub(crate) map_transfer: MapTransfer,
+    /// The last view of each worn camera.
+    pub(crate) last_views: Vec<LastView>,
     pub(crate) nis: NisAccumulator,
     pub(crate) odometry: Odometry,
     pub(crate) wheels: Wheels,
@@ -69,6 +73,7 @@ impl Memory {
             kept_poses,
             map_frame,
             map_transfer,
+            last_views,
             nis,
             odometry,
             wheels,
@@ -85,6 +90,7 @@ impl Memory {
         self.kept_poses.clone_from(kept_poses);
         self.map_frame = *map_frame;
         self.map_transfer = *map_transfer;
+        self.last_views.clone_from(last_views);
         self.nis = *nis;
         self.odometry.clone_from(odometry);
         self.wheels = *wheels;

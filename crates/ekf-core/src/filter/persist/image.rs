@@ -3,12 +3,12 @@
 
 use super::snapshot::{open, seal};
 use crate::camera::Camera;
-use crate::error::EkfError;
+use crate::error::{EkfError, LAST_TIME};
 use crate::filter::ekf::Filter;
 use crate::filter::memory::Memory;
+use crate::filter::memory::last_view::LastView;
 use crate::filter::setup::Setup;
 use crate::guard;
-use crate::guard::LAST_TIME;
 use crate::imu::Imu;
 use crate::local::{OutsideSet, OutsideSetImage};
 use crate::settings::{Settings, Value};
@@ -148,6 +148,7 @@ fn check(memory: &Memory, setup: &Setup) -> Result<(), EkfError> {
     memory.kept_poses.check(layout, memory.time, LAST_TIME)?;
     memory.nis.check(&memory.nis)?;
     memory.map_transfer.check(&memory.nis)?;
+    memory.last_views.iter().try_for_each(LastView::check)?;
     memory.odometry.check()?;
     check_imu(memory)?;
     guard::state_is_sane(state).map_err(EkfError::bad_snapshot)?;

@@ -1,10 +1,9 @@
 //! Prediction (METHOD 3), the features that it brings into view, and what the map transfers.
 
 use super::visibility::{MAYBE, SOON, appearance, visibility};
-use crate::error::EkfError;
+use crate::error::{EkfError, LAST_TIME};
 use crate::filter::ekf::Filter;
 use crate::filter::memory::wheels::Wheels;
-use crate::guard::LAST_TIME;
 use crate::kernel::Panels;
 use crate::observe::FeatureState;
 use crate::observe::point::CameraPose;

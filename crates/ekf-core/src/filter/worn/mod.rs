@@ -6,6 +6,7 @@ pub(super) mod interpolated_pose;
 pub(super) mod kept_poses;
 pub(super) mod later_views;
 pub(super) mod other_time;
+pub(super) mod overlapping;
 pub(super) mod pose;
 pub(super) mod relinearised;
 pub(super) mod view_planning;
