@@ -160,7 +160,8 @@ class Engine:
             address = self.scheduler
             if address is None:
                 address = stack.enter_context(
-                    LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+                    # A free port for its page: another cluster may be at work here.
+                    LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address="127.0.0.1:0")
                 )
             try:
                 client = stack.enter_context(Client(address))
