@@ -41,6 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add_link(parser)
     add_wheels(parser)
+    options.add_gyro(parser.add_argument_group("gyroscope of a recording"))
     parser.add_argument("--mode", choices=MODES, help="default: the setting's")
     parser.add_argument(
         "--start",
@@ -100,7 +101,9 @@ def main(arguments: argparse.Namespace) -> int:
         overwrite=arguments.overwrite,
         resume=arguments.resume,
     )
-    camera = open_camera(arguments.source, arguments.camera, arguments.topics, wheels_of(arguments))
+    camera = open_camera(
+        arguments.source, arguments.camera, arguments.topics, wheels_of(arguments), options.gyro_of(arguments)
+    )
     with link.open_robot(address, keys) as session:
         summary = RobotNode(session, camera, asked).run()
     print(report(summary))

@@ -12,6 +12,7 @@ from collabslam.errors import SettingsError
 from collabslam.settings.modes import MODES
 
 if TYPE_CHECKING:
+    from collabslam.live.gyro_topic import GyroTopic
     from collabslam.live.ros_worn import WornTopics
 
 NEEDED = {"--cf": "cf", "--cf-info": "cf_info", "--t-cf": "t_cf"}
@@ -43,6 +44,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with --t-cf /tf, which tells none: standard deviations of T_CF's coordinates and angles",
     )
     add_wheels(parser)
+    parser.add_argument("--gyro", metavar="TOPIC", help="the robot's gyroscope, a sensor_msgs/Imu")
+    parser.add_argument(
+        "--imu",
+        metavar="FILE|AXES",
+        help="how the gyroscope sits and how good it is: imu.yaml, camchain-imucam.yaml, or its axes "
+        "(optical, opengl, ros); without it tf tells how it sits",
+    )
     parser.add_argument(
         "--out", metavar="NAME", default="/collabslam", help="of published topics (default %(default)s)"
     )
@@ -64,9 +72,9 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.live.ros import NAME, RosNode, RosTopics
     from collabslam.live.ros_types import rclpy_of
 
-    worn, wheels = worn_topics(arguments), wheels_of(arguments)
+    worn, wheels, gyro = worn_topics(arguments), wheels_of(arguments), gyro_topic(arguments)
     rclpy = rclpy_of()
-    topics = RosTopics(arguments.cs, arguments.cs_info, worn, wheels, arguments.out)
+    topics = RosTopics(arguments.cs, arguments.cs_info, worn, wheels, gyro, arguments.out)
     alone = "scale-free" if wheels is None else "odometry"
     mode, start = (arguments.mode, "worn") if worn else (arguments.mode or "mono", alone)
     rclpy.init(args=[])
@@ -81,6 +89,17 @@ def main(arguments: argparse.Namespace) -> int:
         rclpy.try_shutdown()
     live.close()
     return OK
+
+
+def gyro_topic(arguments: argparse.Namespace) -> GyroTopic | None:
+    """The gyroscope's topic; raises SettingsError if it is to be described and not named."""
+    from collabslam.live.gyro_topic import GyroTopic
+
+    if arguments.gyro is None:
+        if arguments.imu is not None:
+            raise SettingsError("--imu tells of the gyroscope of --gyro TOPIC; give that.")
+        return None
+    return GyroTopic.of(arguments.gyro, arguments.imu)
 
 
 def worn_topics(arguments: argparse.Namespace) -> dict[str, WornTopics]:

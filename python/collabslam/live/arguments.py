@@ -10,7 +10,7 @@ import numpy as np
 
 from collabslam.errors import InputError
 from collabslam.live.clock import Exchange
-from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
+from collabslam.live.core import ClockReading, Event, GyroSample, OdometrySample, RobotFrame
 from collabslam.live.names import check_session
 from collabslam.live.views import LiveView, OwnPose
 from collabslam.types import Array, Image
@@ -48,6 +48,14 @@ def odometry_sample(t: Any, twist: Any, covariance: Any) -> OdometrySample:
     return OdometrySample(_seconds(t), first, second)
 
 
+def gyro_sample(t: Any, rate: Any) -> GyroSample:
+    """A rate of the gyroscope; raises InputError if it is none."""
+    found = _array(rate, (3,), "rate")
+    if found is None:
+        raise InputError("A gyroscope's sample is a rate (3,), rad/s; give one.")
+    return GyroSample(_seconds(t), found)
+
+
 def clock_reading(session: Any, exchange: Any) -> ClockReading:
     """What a sender's clock said; InputError for anything else than an `Exchange` of finite times."""
     check_session(session)
@@ -64,6 +72,8 @@ def checked(event: Any) -> Event:
         return clock_reading(event.session, event.exchange)
     if isinstance(event, OdometrySample):
         return odometry_sample(event.t, event.twist, event.covariance)
+    if isinstance(event, GyroSample):
+        return gyro_sample(event.t, event.rate)
     if isinstance(event, LiveView):
         told = (event.session, event.stamp, event.image, event.t_cf, event.covariance, event.bias)
         own = None if event.own is None else _own_pose(event.own)

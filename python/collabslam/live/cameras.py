@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from collabslam.datasets.calibration import check_resolution, load_camera
+from collabslam.datasets.imu.beside import GyroGiven
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.ros.bag import Bag
 from collabslam.datasets.ros.sensors import WornSensors, bag_sensors
@@ -21,7 +22,7 @@ from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.playback import SensorPlayback
 from collabslam.live.sensed import SensorTaker
 from collabslam.live.wheels import WheelTopic
-from collabslam.types import Array, Image, Odometry, Recording, worn_cameras
+from collabslam.types import Array, Image, Imu, ImuLog, Odometry, Recording, worn_cameras
 
 BROKEN = 30
 """So many reads running without an image end a camera."""
@@ -43,6 +44,7 @@ class DeviceCamera:
     """
 
     t_bc = None
+    imu = None
 
     def __init__(self, source: str, calibration: Path) -> None:
         self.name, self.camera, self.clock = "camera", load_camera(calibration), MonotonicClock()
@@ -63,6 +65,9 @@ class DeviceCamera:
 
     def drive(self, take: Callable[[float, Array, Array], None]) -> None:
         """No odometry comes with its images."""
+
+    def turn(self, take: Callable[[float, Array], None]) -> None:
+        """No gyroscope's rates come with its images."""
 
     def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
         """Each image as grey."""
@@ -101,7 +106,10 @@ class RecordingPlayback:
         self.recording, self._bag = recording, bag
         self._odometry: Odometry | None = getattr(recording, "odometry", None)
         self.t_bc = None if self._odometry is None else self._odometry.t_bc
+        self._log: ImuLog | None = getattr(recording, "imu", None)
+        self.imu: Imu | None = None if self._log is None else self._log.sensor
         self._drive: Callable[[float, Array, Array], None] | None = None
+        self._turn: Callable[[float, Array], None] | None = None
         self._sensors: SensorPlayback | None = None
         self.name, self.camera = recording.name, recording.camera
         self.begin()
@@ -139,6 +147,10 @@ class RecordingPlayback:
         """The recording's own odometry."""
         self._drive = take
 
+    def turn(self, take: Callable[[float, Array], None]) -> None:
+        """The recording's own gyroscope."""
+        self._turn = take
+
     def wait_until(self, t: float, now: Callable[[], float], ended: Callable[[], bool]) -> None:
         """Waits until ``now()``, the recording's time, is ``t``; the sensors go on meanwhile."""
         while (ahead := t - now()) > 0.0 and not ended():
@@ -151,13 +163,13 @@ class RecordingPlayback:
 
     def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
         """Each frame at its time."""
-        driven = 0
+        driven = turned = 0
         for i, t in enumerate(self.recording.times.tolist()):
             frame = self.recording.frame(i)
             self.wait_until(t, self.clock.now, ended)
             if ended():
                 return
-            driven = self._driven(driven, t)
+            driven, turned = self._driven(driven, t), self._turned(turned, t)
             yield CapturedImage(t, frame.image)
 
     def _driven(self, first: int, t: float) -> int:
@@ -170,12 +182,23 @@ class RecordingPlayback:
             self._drive(float(odometry.times[k]), odometry.twists[k], odometry.covariances[k])
         return last
 
+    def _turned(self, first: int, t: float) -> int:
+        """Rates from the first sample on that were taken up to a time; which is the next."""
+        log = self._log
+        if log is None or self._turn is None:
+            return first
+        last = int(np.searchsorted(log.times + log.sensor.time_offset, t, side="right"))
+        for k in range(first, last):
+            self._turn(float(log.times[k]), log.rates[k])
+        return last
+
 
 def open_camera(
     source: str,
     calibration: Path | None,
     topics: Mapping[str, str] | None = None,
     wheels: WheelTopic | None = None,
+    gyro: GyroGiven | None = None,
 ) -> LiveCamera:
     """What a user names: a device, a URL, or a recording.
 
@@ -189,14 +212,22 @@ def open_camera(
         Of a bag, by their roles, as `collabslam.open_recording` takes them.
     wheels : WheelTopic, optional
         Odometry to go with the images of a topic, or a topic of a bag.
+    gyro : GyroGiven, optional
+        A gyroscope to go with a recording, in place of its own.
 
     Raises
     ------
     DataError
         If it cannot be opened.
     SettingsError
-        If the calibration is missing, or there are no topics for ``wheels``.
+        If the calibration is missing, or there are no topics for ``wheels`` or ``gyro``.
     """
+    path = Path(source)
+    if gyro is not None and not path.exists():
+        raise SettingsError(
+            f"The camera {source} is no recording that --gyro and --imu could go with; leave them out, or "
+            "take 'collabslam live ros --gyro TOPIC'."
+        )
     if source.startswith(ROS_TOPIC):
         from collabslam.live.ros_camera import RosCamera  # rclpy is there with ROS alone
 
@@ -209,7 +240,6 @@ def open_camera(
                 f"The camera {source} has no topics; name one as ros:TOPIC, or leave --odometry out."
             )
         return DeviceCamera(source, calibration)
-    path = Path(source)
     odometry = None if wheels is None else wheels.given
-    given = Given(calibration, topics=topics or {}, odometry=odometry)
+    given = Given(calibration, topics=topics or {}, odometry=odometry, gyro=gyro)
     return RecordingPlayback(Source(path, given).open(), path)

@@ -51,10 +51,18 @@ class OdometrySample:
     covariance: Array
 
 
+@dataclass(frozen=True, eq=False)
+class GyroSample:
+    """A rate of Cs's gyroscope at ``t`` seconds by its own clock, as `collabslam.Slam.add_gyro` takes it."""
+
+    t: float
+    rate: Array
+
+
 COLLAB, MONO = "collab", "mono"
 """Of a link: views come, or none do."""
 
-Event = RobotFrame | LiveView | ClockReading | OdometrySample
+Event = RobotFrame | LiveView | ClockReading | OdometrySample | GyroSample
 """What can reach the filter."""
 
 
@@ -111,6 +119,8 @@ class LiveCore:
         """Frames of Cs that could not be used."""
         self.refused_odometry = Refusals()
         """Samples of odometry that could not be used."""
+        self.refused_gyro = Refusals()
+        """Rates of the gyroscope that could not be used."""
         self._printed = PrintedPoses(slam.camera, slam.worn_cameras, targets, slam.worn_late)
         self._last = slam.filter.time
 
@@ -136,6 +146,11 @@ class LiveCore:
                 self.slam.add_odometry(event.t, event.twist, event.covariance)
             except InputError as error:
                 self.refused_odometry.add(error)
+        elif isinstance(event, GyroSample):
+            try:
+                self.slam.add_gyro(event.t, event.rate)
+            except InputError as error:
+                self.refused_gyro.add(error)
         elif self.slam.worn_cameras:
             self._hand_in(event)
         return None

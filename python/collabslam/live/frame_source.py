@@ -10,7 +10,7 @@ from collabslam._core import Camera
 from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.sensed import SensorTaker
-from collabslam.types import Array, Image
+from collabslam.types import Array, Image, Imu
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,11 @@ class LiveCamera(Protocol):
         into B, metres (4, 4); None where none comes."""
         ...
 
+    @property
+    def imu(self) -> Imu | None:
+        """The gyroscope whose rates come with its images; None where none come."""
+        ...
+
     def begin(self) -> None:
         """The clock starts, if it has not."""
         ...
@@ -46,6 +51,10 @@ class LiveCamera(Protocol):
 
     def drive(self, take: Callable[[float, Array, Array], None]) -> None:
         """From now on ``take`` is given stamp, twist and covariance of odometry, while images are."""
+        ...
+
+    def turn(self, take: Callable[[float, Array], None]) -> None:
+        """From now on ``take`` is given stamp and rate of the gyroscope, while images are."""
         ...
 
     def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:

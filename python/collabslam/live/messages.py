@@ -30,6 +30,8 @@ TEXT = "std_msgs/msg/String"
 TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
+GYRO = "cs_gyro"
+"""The frame of the rates that a record keeps."""
 
 LEVELS = {"OK": b"\0", "DEGRADED": b"\1", "COASTING": b"\1", "LOST": b"\2"}
 
@@ -117,6 +119,23 @@ def pose_from(data: bytes, where: str) -> tuple[float, Array, Array]:
 def odometry(t: float, t_wc: Array, covariance: Array) -> bytes:
     """The robot's pose as Odometry; see `collabslam.formats.ros_odometry`."""
     return encoded(ODOMETRY, odometry_message(store().types, nanoseconds(t), t_wc, covariance))
+
+
+def rate(t: float, value: Array) -> bytes:
+    """A gyroscope's rate (3,), rad/s, as an Imu without attitude and acceleration."""
+    unknown, zero = np.array([-1.0, *np.zeros(8)]), np.zeros(9)
+    turning = make("geometry_msgs/msg/Vector3", *(float(x) for x in value))
+    none = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+    upright = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+    return encoded(IMU, make(IMU, header(t, GYRO), upright, unknown, turning, zero, none, unknown))
+
+
+def rate_of(message: Any) -> Array:
+    """The rate (3,) of an Imu message, rad/s; raises DataError if it says that it has none."""
+    if message.angular_velocity_covariance[0] == -1.0:
+        raise DataError("An Imu message has no angular velocity (its covariance begins with -1).")
+    w = message.angular_velocity
+    return np.array([w.x, w.y, w.z])
 
 
 def twist(t: float, value: Array, covariance: Array) -> bytes:

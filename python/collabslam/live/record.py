@@ -17,7 +17,7 @@ from collabslam.errors import DataError, InputError
 from collabslam.extras import needs
 from collabslam.live import messages
 from collabslam.live.arguments import checked
-from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
+from collabslam.live.core import ClockReading, Event, GyroSample, OdometrySample, RobotFrame
 from collabslam.live.monotonic_clock import nanoseconds
 from collabslam.live.plan import LivePlan
 from collabslam.live.views import LiveView, OwnPose, sender_of
@@ -27,7 +27,7 @@ ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"
 T_CF, BIAS, OWN = "/t_cf", "/t_cf_bias", "/own_pose"
 """Of the only worn camera; of several each begins with the person's name, as `own_topic` makes it."""
-CLOCK, PLAN, ODOMETRY = "/clock_readings", "/plan", "/odometry"
+CLOCK, PLAN, ODOMETRY, GYRO = "/clock_readings", "/plan", "/odometry", "/gyro"
 ROLES = {"cs": ROBOT_IMAGE, "cf": WORN_IMAGE, "t_cf": T_CF}
 """Topics as ``collabslam.open_recording(path, topics=...)`` takes them, if all cameras have one clock."""
 _TYPES = {
@@ -38,6 +38,7 @@ _TYPES = {
     OWN: messages.POSE,
     CLOCK: messages.TIMES,
     ODOMETRY: messages.TWIST,
+    GYRO: messages.IMU,
 }
 _ROBOT, _WORN = "cs_optical", "cf_optical"
 
@@ -100,6 +101,8 @@ class EventWriter:
         elif isinstance(event, OdometrySample):
             twist = messages.twist(event.t, event.twist, event.covariance)
             self._write(ODOMETRY, messages.TWIST, twist, now)
+        elif isinstance(event, GyroSample):
+            self._write(GYRO, messages.IMU, messages.rate(event.t, event.rate), now)
         else:
             image, name = event.image, sender_of(event.session)
             name = name if name in self._persons else ""
@@ -174,7 +177,7 @@ class EventReader:
         # "" too: views of who is none of the persons, which the filter drops in the replay as it did live.
         names = dict.fromkeys((*self.worn_cameras, ""))
         kinds = {own_topic(name, topic): topic for name in names for topic in (T_CF, BIAS, OWN, WORN_IMAGE)}
-        kinds |= {topic: topic for topic in (ROBOT_IMAGE, CLOCK, ODOMETRY)}
+        kinds |= {topic: topic for topic in (ROBOT_IMAGE, CLOCK, ODOMETRY, GYRO)}
         self._check_types(kinds)
         for name, message in self._bag.all_messages(tuple(kinds)):
             topic = kinds[name]
@@ -218,6 +221,8 @@ def _event(
         return ClockReading(*messages.exchange_of(message))
     if topic == ODOMETRY:
         return OdometrySample(messages.stamp_of(message), *twist_of(message))
+    if topic == GYRO:
+        return GyroSample(messages.stamp_of(message), messages.rate_of(message))
     stamp = messages.stamp_of(message)
     session, data = str(message.header.frame_id), message.data.tobytes()
     return replace(LiveView(session, stamp, data, *poses.get(stamp, ())), own=owns.get(stamp))

@@ -43,7 +43,13 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
         raise SettingsError(f"The record {record} is of another version. {error}") from error
     cameras = (reader.camera, reader.worn_cameras)
     slam = make_slam(
-        *cameras, plan.targets, settings=settings, mode=plan.mode, start=plan.start, t_bc=plan.mount
+        *cameras,
+        plan.targets,
+        settings=settings,
+        mode=plan.mode,
+        start=plan.start,
+        t_bc=plan.mount,
+        imu=plan.sensor,
     )
     core = LiveCore(slam, targets=plan.targets)
     with contextlib.ExitStack() as stack:

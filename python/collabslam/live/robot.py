@@ -20,7 +20,7 @@ from collabslam.live.core import Event, LivePose
 from collabslam.live.downlink import Downlink
 from collabslam.live.frame_source import LiveCamera
 from collabslam.live.pictures import Pictures
-from collabslam.live.plan import LivePlan
+from collabslam.live.plan import LivePlan, imu_state
 from collabslam.live.printed import make_slam
 from collabslam.live.record import EventWriter
 from collabslam.live.results import ENGINE, LiveResults
@@ -151,6 +151,7 @@ class RobotNode:
             )
             self._live = live
             self._camera.drive(live.push_odometry)
+            self._camera.turn(live.push_gyro)
             clock = self._zenoh.declare_queryable(names.CLOCK, self._tell_time)
             stack.callback(clock.undeclare)
             error, interrupted = self._drive(live)
@@ -213,6 +214,7 @@ class RobotNode:
             mode=_mode(options),
             start=options.start,
             t_bc=self._camera.t_bc,
+            imu=self._camera.imu,
         )
 
     def _recorder(self, worn: Mapping[str, Camera]) -> EventWriter | NoRecord:
@@ -224,7 +226,7 @@ class RobotNode:
         t_bc = None if self._camera.t_bc is None else self._camera.t_bc.ravel().tolist()
         persons = [name for name in worn if name]
         asked = _mode(options), options.start, options.settings.values
-        plan = LivePlan(*asked, tags, boards, t_bc, persons)
+        plan = LivePlan(*asked, tags, boards, t_bc, persons, imu_state(self._camera.imu))
         return EventWriter(options.record, plan, self._camera.camera, worn)
 
 

@@ -20,6 +20,7 @@ from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages, names
 from collabslam.live.core import LivePose
 from collabslam.live.downlink import MAP_EVERY, STATUS_EVERY, status_of, view_plans_of, worn_poses
+from collabslam.live.gyro_topic import GyroTopic, sample_of
 from collabslam.live.ros_types import image_kind, message_class, stamped_image, subscribe
 from collabslam.live.ros_worn import TF, RosWorn, Take, WornTopics, check_own
 from collabslam.live.slam import LiveSlam
@@ -27,7 +28,7 @@ from collabslam.live.views import LiveView
 from collabslam.live.wheels import WheelSamples, WheelTopic
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.types import Array
+from collabslam.types import Array, Imu
 
 NAME = "collabslam"
 TF_STATIC = "/tf_static"
@@ -47,6 +48,8 @@ class RosTopics:
         Those of each Cf, by the name of whoever wears it; "" is that of a single one.
     wheels : WheelTopic or None
         Odometry of the robot.
+    gyro : GyroTopic or None
+        Its gyroscope.
     out : str
         What the published topics' names begin with.
     """
@@ -55,6 +58,7 @@ class RosTopics:
     cs_info: str
     worn: Mapping[str, WornTopics] = field(default_factory=dict)
     wheels: WheelTopic | None = None
+    gyro: GyroTopic | None = None
     out: str = "/collabslam"
 
 
@@ -96,7 +100,7 @@ class RosNode:
         self._live: LiveSlam | None = None
         self._refused = 0
         self._due = dict.fromkeys(("status", "map"), -float("inf"))
-        self._frame = ""
+        self._frame = self._info_frame = self._gyro_frame = ""
         self._tree = TransformTree()
         self._wheels = topics.wheels
         self._worn = {name: RosWorn(name, of, self._tree, self._push) for name, of in topics.worn.items()}
@@ -106,6 +110,7 @@ class RosNode:
             (topics.cs, image_kind(topics.cs), partial(self._robot, topics.cs)),
             *self._of_persons(topics.worn),
             *([] if topics.wheels is None else [self._of_wheels(topics.wheels)]),
+            *([] if topics.gyro is None else [(topics.gyro.name, messages.IMU, self._rate)]),
             *self._of_tf(topics),
         ]
         self._kept = [
@@ -143,6 +148,7 @@ class RosNode:
     def _calibration(self, data: bytes) -> None:
         if self._camera is None:
             self._camera = messages.camera_from(data, "CameraInfo of Cs", self._topics.cs)
+            self._info_frame = str(messages.decoded(messages.CAMERA_INFO, data).header.frame_id)
             self._begin()
 
     def _worn_calibration(self, name: str, data: bytes) -> None:
@@ -152,20 +158,41 @@ class RosNode:
             self._begin()
 
     def _begin(self) -> None:
-        """Makes the filter once the cameras, and where Cs sits on the wheels, are known."""
-        t_bc = self._mount()
+        """Makes the filter once the cameras, and how Cs sits on the wheels and the gyroscope, are known."""
+        t_bc, imu = self._mount(), self._sensor()
         missing = self._worn.keys() - self._worn_cameras.keys()
         if self._live is not None or self._camera is None or missing or t_bc is None:
             return
+        if self._topics.gyro is not None and imu is None:
+            return
         worn = {name: self._worn_cameras[name] for name in self._worn}
         slam = Slam(
-            self._camera, worn, settings=self._settings, mode=self._mode, start=self._start, t_bc=t_bc
+            self._camera,
+            worn,
+            settings=self._settings,
+            mode=self._mode,
+            start=self._start,
+            t_bc=t_bc,
+            imu=imu,
         )
         self._live = LiveSlam(slam, on_pose=self._publish, same_clock=True)
 
     def _mount(self) -> Array | None:
         """T_BC; None as long as tf has not told it."""
         return np.eye(4) if self._wheels is None else self._wheels.t_bc(self._tree)
+
+    def _sensor(self) -> Imu | None:
+        """The gyroscope; None without one, and as long as tf has not told how it sits."""
+        gyro = self._topics.gyro
+        return None if gyro is None else gyro.sensor(self._tree, self._info_frame, self._gyro_frame)
+
+    def _rate(self, data: bytes) -> None:
+        frame, t, rate = sample_of(data)
+        if self._live is not None:
+            self._live.push_gyro(t, rate)
+        elif frame != self._gyro_frame:
+            self._gyro_frame = frame
+            self._begin()
 
     def _of_persons(self, topics: Mapping[str, WornTopics]) -> Iterator[Take]:
         """What is to be heard of the worn cameras."""
@@ -175,11 +202,13 @@ class RosNode:
                 yield topic, kind, partial(self._measure, worn, take)
 
     def _of_tf(self, topics: RosTopics) -> Iterator[Take]:
-        """What is to be heard of tf: all, if it tells a T_CF; fixed links, if it places Cs on the wheels."""
+        """What is to be heard of tf: all, if it tells a T_CF; fixed links, if it places Cs or a gyroscope."""
         moving = any(of.t_cf == TF for of in topics.worn.values())
         if moving:
             yield TF, messages.TRANSFORMS, partial(self._transforms, static=False)
-        if moving or (topics.wheels is not None and topics.wheels.given.frames is not None):
+        wheels, gyro = topics.wheels, topics.gyro
+        fixed = wheels is not None and wheels.given.frames is not None
+        if moving or fixed or (gyro is not None and gyro.asks_tf):
             yield TF_STATIC, messages.TRANSFORMS, partial(self._transforms, static=True)
 
     def _of_wheels(self, wheels: WheelTopic) -> Take:

@@ -19,7 +19,7 @@ from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
 from collabslam.live.sensed import SensorTaker, sensor_topics
 from collabslam.live.wheels import WheelSamples, WheelTopic
-from collabslam.types import Array, Image
+from collabslam.types import Array, Image, Imu
 
 PATIENCE = 10.0
 """Seconds without a calibration, or without images, after which a topic counts as silent."""
@@ -80,6 +80,7 @@ class RosCamera:
                 )
             )
         self.t_bc: Array | None = None
+        self.imu: Imu | None = None
         try:
             self._spin_until(lambda: bool(self._cameras), f"No calibration came on {info}")
             if wheels is not None:
@@ -112,6 +113,9 @@ class RosCamera:
                 take(*found)
 
         self._kept.append(subscribe(self._node, self._wheels.name, self._wheels.kind, sample, self._refuse))
+
+    def turn(self, take: Callable[[float, Array], None]) -> None:
+        """No gyroscope is heard; `collabslam.live.ros` hears one."""
 
     def begin(self) -> None:
         """The clock is the system's."""

@@ -12,16 +12,37 @@ from types import TracebackType
 from numpy.typing import ArrayLike
 
 from collabslam.errors import CollabslamError, InputError
-from collabslam.live.arguments import checked, clock_reading, live_view, odometry_sample, robot_frame
+from collabslam.live.arguments import (
+    checked,
+    clock_reading,
+    gyro_sample,
+    live_view,
+    odometry_sample,
+    robot_frame,
+)
 from collabslam.live.clock import Exchange
-from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, OdometrySample, RobotFrame
+from collabslam.live.core import (
+    ClockReading,
+    Event,
+    GyroSample,
+    LiveCore,
+    LivePose,
+    OdometrySample,
+    RobotFrame,
+)
 from collabslam.live.views import LiveView
 from collabslam.slam.engine import Slam
 from collabslam.slam.worn.late_views import CROWDED
 from collabslam.targets.kinds import Board, Tag
 from collabslam.types import Image
 
-BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32, OdometrySample: 1000}
+BOUNDS: dict[type, int] = {
+    RobotFrame: 4,
+    LiveView: 16,
+    ClockReading: 32,
+    OdometrySample: 1000,
+    GyroSample: 4000,
+}
 """Events of each kind that wait for the filter at most, views of each person; the oldest gives way."""
 Queue = tuple[type, str | None]
 LAST_FRAME = 10.0
@@ -140,6 +161,20 @@ class LiveSlam:
         """
         self._push(odometry_sample(t, twist, covariance))
 
+    def push_gyro(self, t: float, rate: ArrayLike) -> None:
+        """A rate of Cs's gyroscope, by its clock, as `collabslam.Slam.add_gyro` takes it.
+
+        The engine is made with the sensor's `Imu`; what it refuses is counted in `refused`.
+
+        Raises
+        ------
+        InputError
+            For an array of another shape, or if it is closed.
+        CollabslamError
+            Whatever ended the filter.
+        """
+        self._push(gyro_sample(t, rate))
+
     def push_clock(self, session: str, exchange: Exchange) -> None:
         """What a sender's clock said; raises as `push_robot` does."""
         self._push(clock_reading(session, exchange))
@@ -160,8 +195,8 @@ class LiveSlam:
 
     @property
     def refused(self) -> dict[str, int]:
-        """Why frames of Cs, or odometry, were refused, in words, and how often; see `refusals`."""
-        return {**self._core.refused, **self._core.refused_odometry}
+        """Why frames of Cs, odometry or rates were refused, in words, and how often; see `refusals`."""
+        return {**self._core.refused, **self._core.refused_odometry, **self._core.refused_gyro}
 
     @property
     def sessions(self) -> dict[str, str]:

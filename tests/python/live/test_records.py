@@ -41,6 +41,7 @@ GOOD: dict[str, Any] = {
     "boards": [],
     "t_bc": None,
     "persons": [],
+    "imu": None,
 }
 Told = tuple[str, str, bytes]
 ASKED = messages.exchange("a b", Exchange(1.0, 1.0, 1.0, 1.0))
@@ -95,6 +96,8 @@ BROKEN: dict[str, Callable[[], list[Told]]] = {
     "plan-less": lambda: [said('{"mode": "mono"}'), info(), image()],
     "plan-more": lambda: [plan(out="/etc"), info(), image()],
     "mode": lambda: [plan(mode="best"), info(), image()],
+    "imu-short": lambda: [plan(imu={"r_ci": [1.0] * 8}), info(), image()],
+    "imu-none": lambda: [plan(imu={"mount_sd": 0.1}), info(), image()],
     "mode-list": lambda: [plan(mode=["mono"]), info(), image()],
     "start": lambda: [plan(start="../map"), info(), image()],
     "settings-list": lambda: [plan(settings=[1]), info(), image()],
