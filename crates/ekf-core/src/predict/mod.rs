@@ -7,8 +7,8 @@
 mod motion;
 mod turn;
 
-pub(crate) use motion::{Motion, Reading, TwistMatrix};
-pub(crate) use turn::{CLOCK, GYRO_DIM, GyroAt, Sensor};
+pub(crate) use motion::{GYRO_DIM, Motion, Reading, TwistMatrix};
+pub(crate) use turn::{CLOCK, GyroAt, Sensor};
 
 use crate::math::quat;
 use crate::settings::{MotionModel, ProcessSettings, Settings};

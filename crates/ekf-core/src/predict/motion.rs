@@ -5,13 +5,18 @@
 //! the covariance is right whatever the gains are. An axis that odometry does not know, of large variance, so keeps its
 //! constant velocity.
 
-use super::turn::ByGyro;
 use super::{CameraMatrix, process_noise, transition};
 use crate::chi2;
 use crate::math::quat;
 use crate::settings::{MotionModel, ProcessSettings};
 use crate::state::CAMERA_DIM;
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3, Vector6};
+
+/// Errors of a gyroscope in the state: bias (3), scale (1), mounting (3), clock (1).
+pub(crate) const GYRO_DIM: usize = 8;
+
+/// 13x8: the camera's block by the errors of the gyroscope.
+pub(crate) type ByGyro = SMatrix<f64, CAMERA_DIM, GYRO_DIM>;
 
 /// 6x6 over a twist `(v, w)`.
 pub(crate) type TwistMatrix = Matrix6<f64>;

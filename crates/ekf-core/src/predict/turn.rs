@@ -3,7 +3,7 @@
 //! The rates between two times are integrated to one rotation, with what their noise makes of it and its derivatives by the
 //! errors of the sensor that are in the state. The velocity goes on as it does without: constant, or as wheels tell it.
 
-use super::motion::{Arc, ByScale, OwnTwist, white};
+use super::motion::{Arc, ByScale, GYRO_DIM, OwnTwist, white};
 use super::{CameraMatrix, Motion, Reading, Turned, TwistMatrix};
 use crate::imu::{Imu, Sample};
 use crate::math::quat::{self, Quat};
@@ -11,14 +11,8 @@ use crate::settings::{ImuSettings, MotionModel, ProcessSettings};
 use crate::state::CAMERA_DIM;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-/// Errors of a gyroscope in the state: bias (3), scale (1), mounting (3), clock (1).
-pub(crate) const GYRO_DIM: usize = 8;
-
 /// Where the clock is among them.
 pub(crate) const CLOCK: usize = 7;
-
-/// 13x8: the camera's block by the errors of the gyroscope.
-pub(crate) type ByGyro = SMatrix<f64, CAMERA_DIM, GYRO_DIM>;
 
 type Rows = SMatrix<f64, 3, GYRO_DIM>;
 
