@@ -270,6 +270,27 @@ fn where_samples_lack_the_rate_stays_and_nobody_claims_to_know() {
 }
 
 #[test]
+fn a_sensor_that_is_stuck_says_nothing() {
+    let mut run = Run::new(6, Trajectory::Lively);
+    for frame in 0..10 {
+        run.step(frame < 3);
+    }
+    let rate = Vector3::new(0.3, -0.2, 0.1);
+    for k in run.sensor.given..run.sensor.given + 200 {
+        run.filter
+            .add_gyro(f64::from(k) / RATE, &rate)
+            .expect("in order");
+    }
+    assert_eq!(
+        run.filter.gyro_time(),
+        Some(f64::from(run.sensor.given + 199) / RATE)
+    );
+    run.filter.predict(1.0).expect("in order");
+    run.filter.predict(1.2).expect("in order");
+    assert!(!run.filter.followed_gyro());
+}
+
+#[test]
 fn what_is_refused_leaves_the_filter_as_it_was() {
     let scene = Scene::new(1, 10);
     let mut filter = scene.filter(settings(&[]));

@@ -24,6 +24,9 @@ const LARGEST_OFFSET: f64 = 10.0;
 /// Samples that wait for a frame at most: half a minute at 1000 Hz.
 const MOST: usize = 30_000;
 
+/// Samples that may be the same to the bit, one after the other; the noise of one that lives makes them differ.
+const STUCK: u32 = 20;
+
 /// A rate at a time of the sensor's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Sample {
@@ -42,7 +45,10 @@ pub(crate) struct Imu {
     pub(crate) r_ci: Matrix3<f64>,
     /// Whether it is not followed any more, as the images contradict it.
     pub(crate) is_off: bool,
-    /// Increasing.
+    /// Stamp of the last sample, seconds, and how often its rate came before it, one after the other.
+    pub(crate) last: Option<f64>,
+    repeated: u32,
+    /// Increasing; those of a sensor that is stuck are left out.
     pub(crate) samples: VecDeque<Sample>,
 }
 
@@ -51,6 +57,8 @@ impl Default for Imu {
         Self {
             r_ci: Matrix3::identity(),
             is_off: false,
+            last: None,
+            repeated: 0,
             samples: VecDeque::new(),
         }
     }
@@ -70,7 +78,7 @@ impl Imu {
             let what = "time of the gyroscope";
             return Err(EkfError::InvalidInput { what, why });
         }
-        if let Some(last) = self.last() {
+        if let Some(last) = self.last {
             if t <= last {
                 return Err(EkfError::BadTime { t, last });
             }
@@ -84,18 +92,18 @@ impl Imu {
                 why: format!("{MOST} samples wait for a frame; give frames as they come"),
             });
         }
-        self.samples.push_back(Sample { t, rate: *rate });
+        self.last = Some(t);
+        let again = self.samples.back().is_some_and(|last| last.rate == *rate);
+        self.repeated = if again { self.repeated + 1 } else { 0 };
+        if self.repeated < STUCK {
+            self.samples.push_back(Sample { t, rate: *rate });
+        }
         Ok(())
     }
 
-    /// Stamp of the last sample, seconds.
-    pub(crate) fn last(&self) -> Option<f64> {
-        self.samples.back().map(|sample| sample.t)
-    }
-
-    /// Forgets what no frame after `t` asks for: the last two samples stay, so that stamps are known to increase.
+    /// Forgets what no frame after `t` asks for.
     pub(crate) fn forget_until(&mut self, t: f64) {
-        while self.samples.len() > 2 && self.samples[1].t <= t {
+        while self.samples.len() > 1 && self.samples[1].t <= t {
             self.samples.pop_front();
         }
     }
@@ -114,6 +122,14 @@ impl Imu {
             samples.all(|sample| sample.t.abs() <= LAST_TIME && check(&sample.rate).is_ok());
         let mut stamps = self.samples.iter().zip(self.samples.iter().skip(1));
         let in_order = stamps.all(|(before, after)| before.t < after.t);
+        let last = self
+            .samples
+            .back()
+            .map_or(f64::NEG_INFINITY, |sample| sample.t);
+        let in_order = in_order
+            && self.last.map_or(self.samples.is_empty(), |t| {
+                last <= t && t.abs() <= guard::LAST_TIME
+            });
         if known && in_order && self.samples.len() <= MOST && check_mount(&self.r_ci).is_ok() {
             return Ok(());
         }

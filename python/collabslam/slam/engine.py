@@ -56,7 +56,7 @@ class Slam:
     t_bc : (4, 4) array, optional
         Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
     imu : Imu, optional
-        Needed for `add_gyro` and `add_acceleration`: how the sensor sits, and how good it is.
+        Needed for `add_gyro`: how the gyroscope sits, and how good it is.
 
     Attributes
     ----------

@@ -63,6 +63,7 @@ class FrameLoop:
             parts.view_planner.saw(parts.worn.number(one.who), one)
         core.predict(t)
         followed = core.followed_odometry
+        parts.gyro.predicted()
         if blank:
             return self._coast(t, blank, times, followed=followed)
         view = self._view(t, image, worn)
@@ -200,7 +201,7 @@ class FrameLoop:
             scale_sd=scale_sd if metric and scale_sd is not None else math.inf,
             pose_map=pose_map,
             covariance_map=covariance_map,
-            diagnostics={**counts, **plan, **sizes, **times.all()},
+            diagnostics={**counts, **plan, **sizes, **self._parts.gyro.counts(), **times.all()},
             worn=worn,
             features=features,
             gyro=self._parts.gyro.estimate(),

@@ -43,6 +43,19 @@ class GyroMonitor(PersistentState):
     def __init__(self, core: Filter, camera: Camera, settings: FlowSettings) -> None:
         self._filter, self._camera, self._settings = core, camera, settings
         self._contradicted = np.zeros(0, bool)
+        self.used = False
+        """Whether it told the turn to the present frame."""
+
+    def predicted(self) -> None:
+        """Notes whether it told the turn to a frame that has been predicted."""
+        self.used = self._filter.followed_gyro
+
+    def counts(self) -> dict[str, int]:
+        """Of the frame's diagnostics: whether it was used, and contradicted; none without one."""
+        if self._filter.follows_gyro is None:
+            return {}
+        contradicted = bool(self._contradicted[-1:].any())
+        return {"gyro_used": int(self.used), "gyro_contradicted": int(contradicted)}
 
     def take(self, *, contradicted: bool) -> None:
         """Takes in a frame, and drops a gyroscope that is contradicted often."""

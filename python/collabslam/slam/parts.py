@@ -127,4 +127,5 @@ class Parts:
             consistency_monitor=self.consistency_monitor,
             relocaliser=self.relocaliser,
             submaps=self.submaps,
+            gyro=self.gyro,
         )

@@ -82,10 +82,12 @@ class FrameSearch:
     ) -> tuple[Prediction, TrackingResult, bool]:
         """The search as if the wheels may have slipped, if it explains the image; else the one before."""
         self._filter.distrust_odometry()
+        kept = self._tracks.attributes()
         wider = self.expected(view)
         again = self._look(view, wider)
         least = self._monitor.min_inliers(len(again.searched))
         if len(again.ids) >= max(least, len(found.ids) // 2, 1):
             return wider, again, True
         self._filter.trust_odometry()
+        vars(self._tracks).update(kept)
         return expected, found, False

@@ -17,6 +17,8 @@ test.  In sight of the map a third and more are accepted, even in blurred frames
 """
 _FAILED_FRAMES = 3
 """Frames that fail in a row before the camera is lost."""
+_TURNED = 3.0
+"""As many times as long a camera may see nothing whose turn is told: only its way is uncertain."""
 _FRESH = 0.1 - 1e-6  # seconds; a frame at 10 Hz is not
 
 
@@ -76,7 +78,14 @@ class StatusMonitor(PersistentState):
         return not self.lost and self._last_ok is not None and t - self._last_ok < _FRESH
 
     def update(
-        self, t: float, inliers: int, *, accepted: bool, followed: bool = False, identified: bool = False
+        self,
+        t: float,
+        inliers: int,
+        *,
+        accepted: bool,
+        followed: bool = False,
+        turned: bool = False,
+        identified: bool = False,
     ) -> Status:
         """Status of the frame at ``t`` (seconds).
 
@@ -89,6 +98,8 @@ class StatusMonitor(PersistentState):
         followed : bool
             Whether odometry carried the camera here: it is not lost then for not having seen anything for
             long.
+        turned : bool
+            Whether a gyroscope told how it turned: it is lost for that `_TURNED` times as late.
         identified : bool
             Whether points that say themselves which they are have found the camera: few of them are enough
             for it not to be lost.
@@ -105,6 +116,7 @@ class StatusMonitor(PersistentState):
         if identified:
             self._last_ok, self._failed, self.lost, self.found = t, 0, False, True
             return Status.COASTING
-        unseen = t - self._last_ok > self._seconds and not followed
+        patience = self._seconds * (_TURNED if turned else 1.0)
+        unseen = t - self._last_ok > patience and not followed
         self.lost = self.lost or self._failed >= _FAILED_FRAMES or unseen
         return Status.LOST if self.lost else Status.COASTING

@@ -7,6 +7,7 @@ from typing import Any
 from collabslam._core import Filter
 from collabslam.slam.consistency_monitor import NOTHING, ConsistencyMonitor
 from collabslam.slam.frame_outcome import FrameOutcome
+from collabslam.slam.gyro_monitor import GyroMonitor
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.submaps.submaps import Submaps
@@ -23,6 +24,7 @@ class Verdict:
     consistency_monitor : ConsistencyMonitor
     relocaliser : Relocaliser
     submaps : Submaps
+    gyro : GyroMonitor
     """
 
     def __init__(
@@ -33,9 +35,10 @@ class Verdict:
         consistency_monitor: ConsistencyMonitor,
         relocaliser: Relocaliser,
         submaps: Submaps,
+        gyro: GyroMonitor,
     ) -> None:
         self._filter, self._monitor, self._consistency = core, monitor, consistency_monitor
-        self._relocaliser, self._submaps = relocaliser, submaps
+        self._relocaliser, self._submaps, self._gyro = relocaliser, submaps, gyro
 
     def of(self, outcome: FrameOutcome) -> tuple[Status, dict[str, Any]]:
         """The status of a frame, and its diagnostics ``degraded_by`` and ``loops``."""
@@ -69,7 +72,7 @@ class Verdict:
         """
         if frozen and self._filter.started and self._monitor.is_fresh(t):
             return Status.OK
-        told = followed or self._filter.followed_gyro
+        told = followed or self._gyro.used
         return self._judge(t, 0, accepted=frozen or told, followed=followed)
 
     def _judge(
@@ -78,4 +81,11 @@ class Verdict:
         """Status of the frame; before the start nothing can be said of a pose."""
         if not self._filter.started:
             return Status.COASTING
-        return self._monitor.update(t, inliers, accepted=accepted, followed=followed, identified=identified)
+        return self._monitor.update(
+            t,
+            inliers,
+            accepted=accepted,
+            followed=followed,
+            turned=self._gyro.used,
+            identified=identified,
+        )

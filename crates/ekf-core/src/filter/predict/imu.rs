@@ -98,7 +98,7 @@ impl Filter {
 
     /// Stamp of the last sample by the gyroscope's clock, seconds.
     pub fn gyro_time(&self) -> Option<f64> {
-        self.memory.imu.as_ref()?.last()
+        self.memory.imu.as_ref()?.last
     }
 
     /// Estimate of the gyroscope's bias along its axes, rad/s, and its covariance; `None` without one.
