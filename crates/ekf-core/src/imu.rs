@@ -24,8 +24,8 @@ const LARGEST_OFFSET: f64 = 10.0;
 /// Samples that wait for a frame at most: half a minute at 1000 Hz.
 const MOST: usize = 30_000;
 
-/// Samples that may be the same to the bit, one after the other; the noise of one that lives makes them differ.
-const STUCK: u32 = 20;
+/// How often an axis may repeat its rate to the bit; the noise of one that lives makes them differ, at a limit it is the same.
+const STUCK: u32 = 3;
 
 /// A rate at a time of the sensor's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,9 +45,12 @@ pub(crate) struct Imu {
     pub(crate) r_ci: Matrix3<f64>,
     /// Whether it is not followed any more, as the images contradict it.
     pub(crate) is_off: bool,
-    /// Stamp of the last sample, seconds, and how often its rate came before it, one after the other.
+    /// Stamp and rate of the last sample, seconds and rad/s.
     pub(crate) last: Option<f64>,
-    repeated: u32,
+    #[serde(with = "numbers")]
+    last_rate: Vector3<f64>,
+    /// How often each axis, and all of them, repeated their rates.
+    repeated: [u32; 4],
     /// Increasing; those of a sensor that is stuck are left out.
     pub(crate) samples: VecDeque<Sample>,
 }
@@ -58,13 +61,22 @@ impl Default for Imu {
             r_ci: Matrix3::identity(),
             is_off: false,
             last: None,
-            repeated: 0,
+            last_rate: Vector3::zeros(),
+            repeated: [0; 4],
             samples: VecDeque::new(),
         }
     }
 }
 
 impl Imu {
+    /// A sensor that sits so, and has said nothing yet.
+    pub(crate) fn at(r_ci: &Matrix3<f64>) -> Self {
+        Self {
+            r_ci: *r_ci,
+            ..Self::default()
+        }
+    }
+
     /// Takes a rate.
     pub(crate) fn add(&mut self, t: f64, rate: &Vector3<f64>) -> Result<(), EkfError> {
         check(rate)?;
@@ -92,13 +104,25 @@ impl Imu {
                 why: format!("{MOST} samples wait for a frame; give frames as they come"),
             });
         }
-        self.last = Some(t);
-        let again = self.samples.back().is_some_and(|last| last.rate == *rate);
-        self.repeated = if again { self.repeated + 1 } else { 0 };
-        if self.repeated < STUCK {
+        if !self.is_stuck(rate) {
             self.samples.push_back(Sample { t, rate: *rate });
         }
+        (self.last, self.last_rate) = (Some(t), *rate);
         Ok(())
+    }
+
+    /// Whether a rate is that of an axis at its limit, or of a sensor that is stuck. One that turns about a single axis may have
+    /// zeros about the others.
+    fn is_stuck(&mut self, rate: &Vector3<f64>) -> bool {
+        let same = |i: usize| self.last.is_some() && rate[i] == self.last_rate[i];
+        let again: [bool; 4] = std::array::from_fn(|i| match i {
+            3 => (0..3).all(same),
+            i => same(i) && rate[i] != 0.0,
+        });
+        for (count, again) in self.repeated.iter_mut().zip(again) {
+            *count = if again { count.saturating_add(1) } else { 0 };
+        }
+        self.repeated.iter().any(|&count| count >= STUCK)
     }
 
     /// Forgets what no frame after `t` asks for.

@@ -157,13 +157,15 @@ class FrameLoop:
         parts, now = self._parts, self._parts.tracks.last_image
         if not view.started or view.lost or last is None or now is None:
             return False
-        if self._filter.followed_gyro and (agrees := parts.gyro.agrees(view, last, now)) is not False:
+        told = self._filter.followed_gyro
+        if told and (agrees := parts.gyro.agrees(view, last, now)) is not False:
             return agrees is True
         standing = parts.consistency_monitor.standing()
         if not parts.monitor.unbroken or standing not in (NOTHING, GYRO):
             return False
-        pairs = parts.gyro.followed(view, last[0], (last[1], now[1]))
-        return self._filter.predict_again(last[0], *pairs)
+        if self._filter.predict_again(last[0], *parts.gyro.followed(view, last, now)):
+            return True
+        return told and self._filter.predict_again(last[0], *parts.gyro.followed(view, last, now, still=True))
 
     def _coast(self, t: float, blank: str, times: StageTimes, *, followed: bool) -> StepResult:
         """A frame that was predicted and shows nothing; depths given for it are gone."""

@@ -22,6 +22,8 @@ TOO_MANY = 4
 _LAST = 15
 _TOLD = 30
 """Frames for which a contradiction is told."""
+_MANY = 10
+"""Frames of those in which the map alone contradicts it: it may be what moves."""
 
 
 class GyroMonitor(PersistentState):
@@ -38,11 +40,14 @@ class GyroMonitor(PersistentState):
     settings : FlowSettings
     """
 
-    PERSISTENT: ClassVar[Mapping[str, Check]] = {"_contradicted": array("|b1", None)}
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_contradicted": array("|b1", None),
+        "_doubted": array("|b1", None),
+    }
 
     def __init__(self, core: Filter, camera: Camera, settings: FlowSettings) -> None:
         self._filter, self._camera, self._settings = core, camera, settings
-        self._contradicted = np.zeros(0, bool)
+        self._contradicted = self._doubted = np.zeros(0, bool)
         self.used = False
         """Whether it told the turn to the present frame."""
 
@@ -57,18 +62,27 @@ class GyroMonitor(PersistentState):
         contradicted = bool(self._contradicted[-1:].any())
         return {"gyro_used": int(self.used), "gyro_contradicted": int(contradicted)}
 
-    def take(self, *, contradicted: bool) -> None:
-        """Takes in a frame, and drops a gyroscope that is contradicted often."""
+    def take(self, *, doubted: bool, contradicted: bool) -> None:
+        """Takes in a frame, and drops a gyroscope that is contradicted often.
+
+        Parameters
+        ----------
+        doubted : bool
+            Whether the map contradicts it.
+        contradicted : bool
+            Whether the turn of the image does, too.
+        """
         if self._filter.follows_gyro is None:
             return
+        self._doubted = np.append(self._doubted, doubted)[-_TOLD:]
         self._contradicted = np.append(self._contradicted, contradicted)[-_TOLD:]
         if self._filter.follows_gyro and self._contradicted[-_LAST:].sum() >= TOO_MANY:
             self._filter.drop_gyro()
 
     @property
     def at_odds(self) -> bool:
-        """Whether the images contradicted it lately."""
-        return bool(self._contradicted.sum() > 1)
+        """Whether images, or the map in many frames, contradicted it lately."""
+        return bool(self._contradicted.sum() > 1 or self._doubted.sum() >= _MANY)
 
     def estimate(self) -> GyroEstimate | None:
         """What is known of it; None without one."""
@@ -94,9 +108,21 @@ class GyroMonitor(PersistentState):
         """
         if last is None or now is None:
             return None
-        return self._filter.gyro_agrees(last[0], *self.followed(view, last[0], (last[1], now[1])))
+        answer = self._filter.gyro_agrees(last[0], *self.followed(view, last, now))
+        if (
+            answer is None
+        ):  # points may not have been found as they were looked for where a wrong turn has them
+            answer = self._filter.gyro_agrees(last[0], *self.followed(view, last, now, still=True))
+        return answer
 
-    def followed(self, view: View, since: float, images: tuple[FlowImage, FlowImage]) -> tuple[Array, Array]:
-        """Points of the image at ``since``, seconds, and where they are in the next one."""
-        turn = self._filter.angular_velocity * (view.t - since)
-        return followed_points(images, self._camera, turn, self._settings, view.hidden)
+    def followed(
+        self,
+        view: View,
+        last: tuple[float, FlowImage],
+        now: tuple[float, FlowImage],
+        *,
+        still: bool = False,
+    ) -> tuple[Array, Array]:
+        """Points of an image, and where they are in the next one, from the predicted turn, or from none."""
+        turn = np.zeros(3) if still else self._filter.angular_velocity * (view.t - last[0])
+        return followed_points((last[1], now[1]), self._camera, turn, self._settings, view.hidden)

@@ -68,7 +68,7 @@ class FrameSearch:
         contradicted = (followed or turned) and self._filter.contradicts_odometry(found.ids, found.uv, least)
         if turned and contradicted:
             wrong = self._gyro.agrees(view, last, self._tracks.last_image) is False
-        self._gyro.take(contradicted=wrong)
+        self._gyro.take(doubted=turned and contradicted and len(found.ids) >= least, contradicted=wrong)
         if wrong or (followed and contradicted):
             return self._after_slip(view, expected, found)
         return expected, found, False

@@ -359,10 +359,8 @@ mod tests {
     /// A sensor whose rates are off by these errors: bias, scale, mounting, clock.
     fn imu(errors: &SVector<f64, GYRO_DIM>) -> Imu {
         let bias = errors.fixed_rows::<3>(0).into_owned();
-        let mut imu = Imu {
-            r_ci: quat::rotation_exp(&errors.fixed_rows::<3>(4).into_owned()) * r_ci(),
-            ..Imu::default()
-        };
+        let mount = quat::rotation_exp(&errors.fixed_rows::<3>(4).into_owned());
+        let mut imu = Imu::at(&(mount * r_ci()));
         for k in -4..=30 {
             let t = f64::from(k) / RATE + 0.0013;
             let rate = (raw(t - 0.0013) - bias) * (1.0 + errors[3]);
@@ -512,7 +510,12 @@ mod tests {
             with += angle.dot(&turn.rate) * share;
             rate += turn.rate.norm_squared() * share;
         }
-        let claimed = at_rest(&mut || 0.0).noise;
+        let mut tiny = 0.0;
+        let claimed = at_rest(&mut || {
+            tiny += 1e-12;
+            tiny
+        });
+        let claimed = claimed.noise;
         // The first and the last sample count by halves, as their other halves are in the frames beside.
         assert!((own / claimed[0] - 0.975).abs() < 0.06, "{own} {claimed:?}");
         assert!((rate / claimed[2] - 1.0).abs() < 0.06, "{rate} {claimed:?}");

@@ -24,10 +24,7 @@ impl Filter {
             return Err(EkfError::InvalidInput { what, why });
         }
         self.changes();
-        self.memory.imu = Some(Imu {
-            r_ci: *r_ci,
-            ..Imu::default()
-        });
+        self.memory.imu = Some(Imu::at(r_ci));
         let sizes = &self.setup.settings.imu;
         let state = &mut self.memory.state;
         let bias = Matrix3::identity() * sizes.gyro_bias_sd.powi(2);

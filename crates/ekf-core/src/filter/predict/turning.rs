@@ -30,7 +30,7 @@ const SPREAD: f64 = 0.12;
 
 /// By how much a turn that is seen may be off where a wall is slanted, as a share of it: standard deviation. The claimed one takes
 /// depths as independent.
-const SLANTED: f64 = 0.15;
+const SLANTED: f64 = 0.1;
 
 impl Filter {
     /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show:
