@@ -15,6 +15,7 @@ mod graph;
 mod guards;
 mod gyro;
 mod jacobians;
+mod lasting_errors;
 mod late_views;
 mod layers;
 mod local;
