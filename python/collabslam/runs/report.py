@@ -101,7 +101,7 @@ def unused_text(summary: Summary) -> str:
     """What of the stream could not be used, empty if all could."""
     counts = (
         ("frames_out_of_order", "left out, whose time stamps repeat or go back"),
-        ("frames_slipped", "contradict odometry, as where wheels slip"),
+        ("frames_slipped", "contradict odometry or gyroscope, as where wheels slip"),
         ("frames_unseen", "only predicted, whose image is blank or repeats the last"),
     )
     parts = [f"{summary[key]} frames {what}" for key, what in counts if summary.get(key)]

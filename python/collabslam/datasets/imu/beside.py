@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -96,14 +96,19 @@ def imu_log(
         own = path / FOLDER, path / "mav0" / FOLDER
         folder = next((f for f in own if (f / "data.csv").is_file()), None)
         if folder is not None:
-            return _of_folder(folder, times, told, calibration)
+            return _of_folder(folder, path, times, told, calibration, asked=False)
         topic = only_topic(path) if is_bag(path) else None
         if topic is not None:
+            told = _placed(told, path, calibration)
             return _of_topic(path, topic, times, told, topics or {}, asked=False)
         if given.imu is not None:
             raise DataError(f"{path} has no gyroscope that --imu could tell of; give --gyro FILE|TOPIC.")
         return None
     file = Path(given.source)
+    folder = file if file.is_dir() else file.parent
+    if (folder / "data.csv").is_file() and (folder / "sensor.yaml").is_file():
+        return _of_folder(folder, path, times, told, calibration, asked=True)
+    told = _placed(told, path, calibration)
     if file.is_file():
         return _of_table(read_table(file), times, camera, told, str(file))
     if is_bag(path):
@@ -114,22 +119,40 @@ def imu_log(
     )
 
 
-def _of_folder(folder: Path, times: Array, told: ImuFile, calibration: Path | None) -> ImuLog | None:
-    """The recording's own sensor, in EuRoC's layout; None if nothing tells how it sits."""
+def _placed(told: ImuFile, path: Path, calibration: Path | None) -> ImuFile:
+    """With the mount in C, where only that in the body is told (EuRoC's T_BS); raises DataError if nothing
+    tells how the camera sits there."""
+    if told.r_ci is not None or told.t_bs is None:
+        return told
+    own = (path / "cam0" / "sensor.yaml", path / "mav0" / "cam0" / "sensor.yaml")
+    for file in (calibration, *own):
+        if file is not None and file.is_file():
+            camera_t_bs = read_calibration(file).t_bs
+            if camera_t_bs is not None:
+                return replace(told, r_ci=(pose_inverse(camera_t_bs) @ told.t_bs)[:3, :3])
+    raise DataError(
+        f"T_BS tells how the gyroscope sits in a body, and nothing tells how the camera of {path} sits "
+        f"there; give T_cam_imu, or axes, in --imu. {_NO_GYRO}."
+    )
+
+
+def _of_folder(
+    folder: Path, path: Path, times: Array, told: ImuFile, calibration: Path | None, *, asked: bool
+) -> ImuLog | None:
+    """A sensor in EuRoC's layout; None if nothing tells how it sits and nobody has ``asked`` for it."""
     data, sensor = folder / "data.csv", folder / "sensor.yaml"
     if sensor.is_file():
         told = told.over(read_imu_file(sensor))
-    cam = calibration or folder.parent / "cam0" / "sensor.yaml"
-    r_ci = told.r_ci
-    if r_ci is None and told.t_bs is not None and cam.is_file():
-        camera_t_bs = read_calibration(cam).t_bs
-        if camera_t_bs is not None:
-            r_ci = (pose_inverse(camera_t_bs) @ told.t_bs)[:3, :3]
-    if r_ci is None:
-        tell("passed over", f"gyroscope (nothing tells how it sits in {cam}; give --imu)", data)
+    try:
+        told = _placed(told, path, calibration)
+    except DataError:
+        if asked:
+            raise
+    if told.r_ci is None:
+        tell("passed over", "gyroscope (nothing tells how it sits to the camera; give --imu)", data)
         return None
     table = read_table(data, "nanoseconds")
-    return _checked(table, table.clocks, times, told, r_ci, str(data))
+    return _checked(table, table.clocks, times, told, told.r_ci, str(data))
 
 
 def _of_table(table: Table, times: Array, camera: Camera, told: ImuFile, where: str) -> ImuLog:

@@ -184,6 +184,25 @@ def test_a_file_beside_any_recording(tmp_path: Path, imu: str | None) -> None:
         open_recording(root, sensors=(GyroGiven(imu="ros"),))
 
 
+def test_a_body_is_no_camera(tmp_path: Path) -> None:
+    """T_BS counts where that of the camera is known, and is never taken for the mount itself."""
+    root = with_imu(tmp_path / "euroc")
+    data, file = root / "mav0" / "imu0" / "data.csv", tmp_path / "gyro.csv"
+    for source in (data, data.parent):
+        np.testing.assert_allclose(
+            log_of(told(root, GyroGiven(str(source)))[0]).sensor.r_ci, R_CB @ R_BS, atol=1e-12
+        )
+    file.write_text(lines([f"{t:.6f}" for t in TIMES], RATES))
+    (tmp_path / "imu.yaml").write_text(SENSOR)
+    given = GyroGiven(str(file), str(tmp_path / "imu.yaml"))
+    np.testing.assert_allclose(log_of(told(root, given)[0]).sensor.r_ci, R_CB @ R_BS, atol=1e-12)
+    lens = "intrinsics: [30, 30, 15, 11]\nresolution: [32, 24]\ncamera_model: pinhole\n"
+    (tmp_path / "camera.yaml").write_text(lens)
+    write_images(tmp_path / "film", [f"{FIRST + 0.1 * k:.6f}.png" for k in range(4)])
+    with pytest.raises(DataError, match=r"nothing tells how the camera .* sits there; give T_cam_imu"):
+        told(tmp_path / "film", given, camera=tmp_path / "camera.yaml")
+
+
 @pytest.mark.parametrize("size", [(32, 24), (24, 32)])
 def test_a_phones_log_lies_along_the_phone(tmp_path: Path, size: tuple[int, int]) -> None:
     write_images(tmp_path / "film", [f"{k}.png" for k in range(4)], size=size)
