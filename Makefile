@@ -13,8 +13,8 @@ export RUSTFLAGS = $(GIVEN) --remap-path-prefix=$(CURDIR)=. $(CRATES:%=--remap-p
 
 .PHONY: demo quick test test-live check docs wheel wheel-twice bench bench-frames reliability mutants audit clean
 
-# The main job on its embedded default: renders the corridor, runs it with and without Cf.
-demo: $(VENV)/.built
+# The main job on its embedded default: renders the corridor, runs it with and without Cf. It installs what users do, 400 MB.
+demo: $(VENV)/.core
 	$(BIN)/collabslam demo --out results/demo --overwrite
 
 # Two processes share the tests of Python, each file whole to one of them.
@@ -73,6 +73,7 @@ check: $(VENV)/.built
 
 # For any Linux since 2014: zig links against the old C library, whatever this machine has.
 wheel: $(VENV)/.installed $(VENV)/.fetched
+	$(BIN)/pip install --quiet 'maturin[zig]>=1.9,<2'
 	rm -f dist/*.whl
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --out dist $(MANYLINUX)
 
@@ -96,16 +97,25 @@ docs: $(VENV)/.built
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
-	$(BIN)/pip install --quiet 'maturin[zig]>=1.9,<2'
+	$(BIN)/pip install --quiet 'maturin>=1.9,<2'
 	touch $@
 
 # The crates' sources must be there before it is said where they are (RUSTFLAGS above).
 $(VENV)/.fetched: Cargo.lock
-	cargo fetch --locked
+	@echo "Fetching the crates that collabslam is built from"
+	cargo fetch --quiet --locked
 	mkdir -p $(VENV)
 	touch $@
 
-$(VENV)/.built: $(VENV)/.installed $(VENV)/.fetched $(SOURCES)
+# The package with its pictures: what users install.
+$(VENV)/.core: $(VENV)/.installed $(VENV)/.fetched $(SOURCES)
+	@echo "Building collabslam into $(VENV): two minutes or so"
+	$(BIN)/pip install --quiet --no-build-isolation --editable '.[plot]'
+	touch $@
+
+# And all that tests, the laboratory and the docs need, 2 GB.
+$(VENV)/.built: $(VENV)/.core
+	@echo "Installing what tests and the laboratory need"
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
 	$(BIN)/pip install --quiet --editable 'research[cluster,learned,surf]'
 	touch $@
