@@ -28,17 +28,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Write the recording."""
     recording = options.source_with_worn(arguments).open()
-    return write_folder(recording, arguments) if arguments.bag is None else _write_bag(recording, arguments)
+    if arguments.bag is not None:
+        return _write_bag(recording, arguments)
+    return write_folder(recording, arguments.out, overwrite=arguments.overwrite)
 
 
-def write_folder(recording: Recording, arguments: argparse.Namespace) -> int:
-    """Write a recording in our own layout into the folder ``arguments.out``."""
+def write_folder(recording: Recording, out: Path, *, overwrite: bool) -> int:
+    """Write a recording in our own layout into the folder ``out``."""
     from collabslam.datasets import write_recording
     from collabslam.runs.progress import Progress
 
     with Progress(len(recording), f"{recording.name} writing") as bar:
         folder = write_recording(
-            recording, arguments.out, overwrite=arguments.overwrite, progress=lambda done, total: bar.update()
+            recording, out, overwrite=overwrite, progress=lambda done, total: bar.update()
         )
     print(f"{len(recording)} frames are in {folder}")
     return OK

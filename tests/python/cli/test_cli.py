@@ -16,12 +16,14 @@ from collabslam import demo
 from collabslam.cli import COMMANDS, options
 from collabslam.cli import main as cli
 from collabslam.datasets import FirstFrames
+from collabslam.datasets.opening import open_recording
 from collabslam.errors import DataError, FilterError, SettingsError
 from collabslam.runs import runner
 from collabslam.runs.plan import MODE_KEY, Output, Plan
 from collabslam.runs.report import median_summary, summary_text, untrusted_text
 from collabslam.runs.summary import is_trusted
 from collabslam.settings.table import Settings
+from collabslam.simulation.recording import demo_recording
 from collabslam.types import Frame
 from collabslam.viz.plot import plot_run
 
@@ -325,6 +327,33 @@ def test_demo_of_several_seeds_gives_medians(tmp_path: Path, monkeypatch: pytest
     demo.run_demo(tmp_path, seeds=[0, 1], progress=False)
     assert (tmp_path / "seed-1" / "collab" / "summary.json").exists()
     assert (tmp_path / "medians.json").exists()
+
+
+def test_demo_writes_its_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = demo_recording(3)
+    seeds = []
+
+    def first_of(seed: int) -> FirstFrames:
+        seeds.append(seed)
+        return FirstFrames(whole, 3)
+
+    monkeypatch.setattr("collabslam.simulation.recording.demo_recording", first_of)
+    out = tmp_path / "walk"
+    assert cli.main(["demo", "--seed", "3", "--recording", str(out)]) == 0
+    assert f"3 frames are in {out}" in capsys.readouterr().out
+    assert seeds == [3]
+    written = open_recording(out)
+    assert len(written) == 3
+    for i in range(3):
+        frame, made = written.frame(i), whole.frame(i)
+        np.testing.assert_array_equal(frame.image, made.image)
+        assert len(frame.views) == len(made.views)
+        for view in frame.views:
+            np.testing.assert_array_equal(view.bias, np.zeros((6, 6)))  # nothing lasts, and it says so
+    assert cli.main(["demo", "--seeds", "0-1", "--recording", str(tmp_path / "other")]) == 2
+    assert "it takes --seed" in capsys.readouterr().err
 
 
 def test_medians_are_over_the_runs_that_have_the_number() -> None:
