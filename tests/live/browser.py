@@ -69,6 +69,11 @@ class Browser:
             mobile=width < 600,
         )
 
+    def prefer(self, scheme: str) -> None:
+        """``light`` or ``dark``."""
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.tell("Emulation.setEmulatedMedia", features=features)
+
     def value(self, expression: str) -> Any:
         """What an expression of JavaScript gives."""
         found = self.tell("Runtime.evaluate", expression=expression, returnByValue=True)

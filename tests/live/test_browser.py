@@ -23,6 +23,8 @@ from collabslam.datasets.poses import read_track
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
 
+SAID = "document.getElementById('said').textContent"
+
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
@@ -44,7 +46,7 @@ def fits(page: Browser) -> bool:
 
 
 def test_the_phone_sends_its_camera(site: Site, phone: Browser) -> None:
-    assert phone.until("document.getElementById('said').textContent.startsWith('Sending')", SOON)
+    assert phone.until("document.getElementById('facts').textContent.includes('images sent')", SOON)
     assert until(lambda: site.node.uplink.reports().get("web", {}).get("images", 0) > 20)
     report = site.node.uplink.reports()["web"]
     assert 0.0 < report["age_median_ms"] < 2000.0  # the two clocks began years apart
@@ -59,7 +61,8 @@ def test_a_phone_and_a_tag_make_a_metric_pose(site: Site, phone: Browser) -> Non
     way, true = (np.linalg.norm(p[:, :3, 3] - p[:1, :3, 3], axis=1) for p in (poses, truth))
     assert true.max() > 0.9
     assert np.abs(way - true).max() < 0.2
-    assert phone.until("document.getElementById('facts').textContent.includes('metricTrue')", SOON)
+    assert phone.until("document.getElementById('facts').textContent.includes('lengths in metresyes')", SOON)
+    assert phone.until("document.getElementById('said').textContent === 'The robot uses your images.'", SOON)
 
 
 @pytest.mark.parametrize("width", [1280, 390])
@@ -71,21 +74,50 @@ def test_the_phone_shows_what_the_robot_sees(site: Site, phone: Browser, width: 
     phone.screenshot(SHOTS / f"phone-{width}.png")
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1280, 390, 3840])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.usefixtures("phone")
-def test_the_view_shows_what_happens(site: Site, width: int) -> None:
+def test_the_view_shows_what_happens(site: Site, width: int, scheme: str) -> None:
     view = site.browser.page()
-    view.open(site.address("view", "view"), width, 1400)
-    assert view.until("document.getElementById('said').textContent.startsWith('OK · collab')", SOON)
+    view.prefer(scheme)
+    view.open(site.address("view", "view"), width, 1400 if width < 3000 else 2160)
+    assert view.until(
+        "document.getElementById('said').textContent.startsWith('OK · with the worn camera')", SOON
+    )
     assert view.until("document.getElementById('view').naturalWidth > 900", SOON)  # both cameras
     assert view.until("document.getElementById('facts').rows.length > 5", SOON)
     assert fits(view)
-    view.screenshot(SHOTS / f"view-{width}.png")
+    view.screenshot(SHOTS / f"view-{width}-{scheme}.png")
     view.close()
+
+
+def test_before_its_start_a_phone_shows_what_the_robot_sees(site: Site, phone: Browser) -> None:
+    other = site.browser.page()
+    other.open(site.address("", "phone"), 390, 800)
+    assert other.until("document.getElementById('view').naturalWidth > 0", SOON)
+    assert other.until("document.getElementById('said').textContent.startsWith('Not started')", SOON)
+    other.screenshot(SHOTS / "phone-before.png")
+    other.close()
 
 
 def test_a_wrong_token_is_told(site: Site) -> None:
     view = site.browser.page()
     view.open(site.address("view", "other"), 390, 800)
     assert view.until("document.getElementById('said').textContent.includes('token')", SOON)
+    view.close()
+
+
+def test_pages_go_red_when_the_robot_is_dead(site: Site, phone: Browser) -> None:
+    """The last one: it says nothing any more, as one that was killed."""
+    view = site.browser.page()
+    view.open(site.address("view", "view"), 390, 800)
+    assert view.until("document.getElementById('said').textContent.startsWith('OK')", SOON)
+    site.node._downlink.frame = lambda *_: None  # type: ignore[method-assign]
+    for page, name in ((view, "view"), (phone, "phone")):
+        assert page.until(
+            "document.getElementById('said').textContent.startsWith('the robot is silent')", SOON
+        )
+        assert page.value("document.getElementById('said').className") == "state bad"
+        assert page.value("document.body.classList.contains('silent')")
+        page.screenshot(SHOTS / f"{name}-dead.png")
     view.close()

@@ -179,7 +179,7 @@ class LiveCore:
                 view.image if view.pixels is None else view.pixels, self.slam.worn_cameras[name]
             )
         except (DataError, InputError):
-            self.senders.dropped[BROKEN] += 1
+            self.senders.drop(view.session, BROKEN)
             return
         worn: WornView | None
         if view.t_cf is not None and view.covariance is not None:
@@ -191,9 +191,9 @@ class LiveCore:
             if worn is not None:
                 self.slam.add_worn(worn)
             else:
-                self.senders.dropped[UNPOSED] += 1
+                self.senders.drop(view.session, UNPOSED)
         except InputError:
-            self.senders.dropped[REFUSED] += 1
+            self.senders.drop(view.session, REFUSED)
 
 
 def _with_clock_error(worn: WornView, t_sd: float, slam: Slam) -> WornView:

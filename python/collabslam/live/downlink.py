@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from collabslam._core import Camera
 from collabslam.live import link, messages, names
 from collabslam.live.core import LivePose
 from collabslam.slam.engine import Slam
@@ -64,7 +65,7 @@ class Downlink:
         if self._is_due(names.MAP, MAP_EVERY) and step.started and self._wanted(names.MAP):
             self._out[names.MAP].put(messages.cloud(step.t, slam.landmarks().points))
         if self._is_due(names.VIEW, VIEW_EVERY) and self._wanted(names.VIEW):
-            picture = view_picture(pose)
+            picture = view_picture(pose, slam.worn_cameras)
             self._out[names.VIEW].put(messages.compressed_image(step.t, "cs_optical", picture))
 
     def _place(self, pose: LivePose) -> None:
@@ -144,8 +145,15 @@ def _view_plan(diagnostics: Mapping[str, Any]) -> dict[str, str]:
     return {name: f"{value:.4g}" for name, value in values.items() if np.isfinite(value)}
 
 
-def view_picture(pose: LivePose) -> bytes:
-    """A JPEG: Cs with the frame's features, beside it each Cf that was used, lines between what both see."""
+def view_picture(pose: LivePose, cameras: Mapping[str, Camera] | None = None) -> bytes:
+    """A JPEG: Cs with the frame's features, beside it each Cf that was used, lines between what both see.
+
+    Parameters
+    ----------
+    pose : LivePose
+    cameras : mapping, optional
+        Each Cf by name: then one that was not used keeps its place, empty, and the picture its size.
+    """
     left = cv2.cvtColor(pose.image, cv2.COLOR_GRAY2BGR)
     features = pose.step.features
     for predicted, found, state in zip(features.predicted, features.found, features.states, strict=True):
@@ -155,14 +163,30 @@ def view_picture(pose: LivePose) -> bytes:
     scale = min(1.0, VIEW_WIDTH / left.shape[1])
     picture = cv2.resize(left, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     height = picture.shape[0]
-    for view in pose.views:
-        right = cv2.cvtColor(view.image, cv2.COLOR_GRAY2BGR)
-        across, scale_f = picture.shape[1], height / right.shape[0]
+    views = {view.who: view.image for view in pose.views}
+    for name in dict.fromkeys((*(cameras or {}), *views)):
+        across = picture.shape[1]
+        if name not in views and cameras is not None:
+            picture = np.concatenate([picture, _empty(name, cameras[name], height)], axis=1)
+            continue
+        right = cv2.cvtColor(views[name], cv2.COLOR_GRAY2BGR)
+        scale_f = height / right.shape[0]
         right = cv2.resize(right, (round(scale_f * right.shape[1]), height), interpolation=cv2.INTER_AREA)
-        if view.who:
-            cv2.putText(right, view.who, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _BOTH, 2, cv2.LINE_AA)
+        if name:
+            _write(right, name, _BOTH)
         picture = np.concatenate([picture, right], axis=1)
-        ends = features.pairs_of(view.who) * [scale, scale, scale_f, scale_f] + [0.0, 0.0, across, 0.0]
+        ends = features.pairs_of(name) * [scale, scale, scale_f, scale_f] + [0.0, 0.0, across, 0.0]
         for u, v, u_f, v_f in np.rint(ends).astype(int).tolist():
             cv2.line(picture, (u, v), (u_f, v_f), _BOTH, 1, cv2.LINE_AA)
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 60])[1])
+
+
+def _empty(name: str, camera: Camera, height: int) -> Any:
+    """The place of a worn camera whose view was not used in a frame."""
+    place = np.full((height, round(height / camera.height * camera.width), 3), 48, np.uint8)
+    _write(place, f"{name}: no view in this frame" if name else "no view in this frame", (200, 200, 200))
+    return place
+
+
+def _write(picture: Any, text: str, colour: tuple[int, int, int]) -> None:
+    cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 2, cv2.LINE_AA)

@@ -14,6 +14,7 @@ from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.geometry import pose_from_quaternion
 from collabslam.live import link, messages, names
+from collabslam.live.advice import OwnImages
 from collabslam.live.clock import ClockEstimator, Exchange
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.pace import Pace
@@ -32,7 +33,9 @@ LARGEST_SIDE = 4096
 MAP_POINTS, TRAJECTORY = 400, 2000
 """Points of the map, and of the way, that a page is told."""
 BEAT = 0.5
-"""Seconds after which a page is told something even if nothing has changed."""
+"""Seconds after which a page is told how long the robot has been silent, if nothing else."""
+GONE = 5.0
+"""Seconds after which the place of a worn camera that is not measured any more is not shown."""
 
 
 class Gateway:
@@ -56,9 +59,11 @@ class Gateway:
         self.clock = MonotonicClock()
         self._taken = threading.Lock()
         self._change = threading.Condition()
-        self._facts: dict[str, Any] = {}
+        self._facts: dict[str, tuple[int, Any]] = {}
+        self._last = -float("inf")
         self._trajectory: list[list[float]] = []
-        self._persons: dict[str, list[float]] = {}
+        self._persons: dict[str, tuple[float, list[float]]] = {}
+        self._own = OwnImages()
         self._count = 0
         self._picture: tuple[int, bytes] = (0, b"")
         self._heard = [
@@ -141,6 +146,9 @@ class Gateway:
             own = found.get(self._name, {})
             if "age_median_ms" in own:
                 self.pace.report(float(own["age_median_ms"]) / 1e3, float(own["images"]))
+            if own:
+                text, good = self._own.report(own)
+                self._tell(own={"text": text, "good": good})
             facts = {k.replace("_", " "): v for k, v in robot.items() if k != "message"}
             for name in sorted(found.keys() - {"robot"}):
                 said = {k.replace("_", " "): v for k, v in found[name].items() if k != "message"}
@@ -153,18 +161,20 @@ class Gateway:
     def _pose(self, key: str, payload: bytes) -> None:
         with contextlib.suppress(DataError):
             _, pose, covariance = messages.pose_from(payload, key)
+            place = seen_from_above(pose, covariance)
             with self._change:
-                self._count += 1
-                self._trajectory = [*self._trajectory[-TRAJECTORY:], seen_from_above(pose, covariance)]
-                self._change.notify_all()
+                self._trajectory = [*self._trajectory[-TRAJECTORY:], place]
+            self._tell(point=place)
 
     def _worn_pose(self, key: str, payload: bytes) -> None:
         """Where a worn camera is, of several persons by name."""
         with contextlib.suppress(DataError):
             _, pose, covariance = messages.pose_from(payload, key)
             name = key.removeprefix(names.WORN_POSE).removeprefix("/")
-            self._persons = self._persons | {name: seen_from_above(pose, covariance)}
-            self._tell(persons=self._persons)
+            now = time.monotonic()
+            seen = {n: of for n, of in self._persons.items() if now - of[0] <= GONE}
+            self._persons = seen | {name: (now, seen_from_above(pose, covariance))}
+            self._tell(persons={n: place for n, (_, place) in self._persons.items()})
 
     def _map(self, key: str, payload: bytes) -> None:
         with contextlib.suppress(DataError):
@@ -176,12 +186,15 @@ class Gateway:
             data = messages.decoded(messages.COMPRESSED, payload).data.tobytes()
             with self._change:
                 self._picture = (self._picture[0] + 1, data)
+                self._last = time.monotonic()
                 self._change.notify_all()
 
     def _tell(self, **facts: Any) -> None:
+        """Facts that came just now from the robot."""
         with self._change:
-            self._facts |= facts
             self._count += 1
+            self._facts |= {name: (self._count, value) for name, value in facts.items()}
+            self._last = time.monotonic()
             self._change.notify_all()
 
 
@@ -193,18 +206,23 @@ class Watch:
         self._count, self._picture = -1, 0
 
     def next(self) -> tuple[dict[str, Any], bytes | None]:
-        """Waits for something new, at most `BEAT` seconds; facts and the picture if it is another one."""
+        """Waits for something new, at most `BEAT` seconds; what is new, and the picture if it is another one.
+
+        ``silent`` is always there: seconds since anything came from the robot, None if nothing ever did.
+        """
         of, until = self._of, time.monotonic() + BEAT
         with of._change:
             while of._count == self._count and of._picture[0] == self._picture:
                 left = until - time.monotonic()
                 if left <= 0.0 or not of._change.wait(left):
                     break
-            facts: dict[str, Any] = dict(of._facts)
-            if of._trajectory:
-                facts |= {"way": list(of._trajectory)} if self._count < 0 else {"point": of._trajectory[-1]}
+            facts = {name: value for name, (count, value) in of._facts.items() if count > self._count}
+            if of._trajectory and self._count < 0:
+                facts["trajectory"] = list(of._trajectory)
             self._count = of._count
             number, data = of._picture
+            silent = time.monotonic() - of._last
+        facts["silent"] = round(silent, 2) if np.isfinite(silent) else None
         picture = data if number != self._picture else None
         self._picture = number
         return facts, picture
@@ -269,11 +287,13 @@ def _pinhole(width: Any, height: Any, intrinsics: Any) -> Camera | None:
 
 
 def seen_from_above(pose: Array, covariance: Array) -> list[float]:
-    """x and z of a position in W (metres), then the standard deviations along their axes and their angle."""
+    """x and z of a position in W (metres), then the standard deviations along their axes and their angle, and
+    the angle to which the camera looks, from x to z."""
     turn = pose[:3, :3]
     flat = (turn @ covariance[:3, :3] @ turn.T)[np.ix_([0, 2], [0, 2])]
     values, vectors = np.linalg.eigh(flat)
     sd = np.sqrt(np.clip(values, 0.0, None))
     angle = float(np.arctan2(vectors[1, 1], vectors[0, 1]))
-    numbers = (pose[0, 3], pose[2, 3], sd[1], sd[0], angle)
+    heading = float(np.arctan2(turn[2, 2], turn[0, 2]))
+    numbers = (pose[0, 3], pose[2, 3], sd[1], sd[0], angle, heading)
     return [round(float(v), 4) for v in numbers]

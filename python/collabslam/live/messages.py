@@ -33,6 +33,8 @@ SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 GYRO = "cs_gyro"
 """The frame of the rates that a record keeps."""
 
+FARTHEST = 2.0**31
+"""Seconds before which stamps are."""
 LEVELS = {"OK": b"\0", "DEGRADED": b"\1", "COASTING": b"\1", "LOST": b"\2"}
 
 
@@ -71,8 +73,15 @@ def make(kind: str, *values: Any) -> Any:
 
 
 def header(t: float, frame: str) -> Any:
-    """A header: ``t`` seconds."""
-    return maker().header(nanoseconds(t), frame)
+    """A header: ``t`` seconds; raises DataError, as all that make messages do, if they cannot be told."""
+    return maker().header(_stamp(t), frame)
+
+
+def _stamp(t: float) -> int:
+    """Nanoseconds; DataError from 2038 on, as messages count seconds in 32 bits."""
+    if not -FARTHEST < t < FARTHEST:
+        raise DataError(f"The time {t} s is in no message; give seconds since 1970, or since a start.")
+    return nanoseconds(t)
 
 
 def stamp_of(message: Any) -> float:
@@ -89,12 +98,12 @@ def compressed_image(t: float, frame: str, data: bytes) -> bytes:
 
 def raw_image(t: float, frame: str, image: Image) -> bytes:
     """A (H, W) uint8 grey image as Image."""
-    return encoded(IMAGE, maker().image(nanoseconds(t), frame, image))
+    return encoded(IMAGE, maker().image(_stamp(t), frame, image))
 
 
 def camera_info(t: float, frame: str, camera: Camera) -> bytes:
     """A calibration as CameraInfo; raises DataError for a model that has no name in ROS."""
-    return encoded(CAMERA_INFO, maker().camera_info(nanoseconds(t), frame, camera))
+    return encoded(CAMERA_INFO, maker().camera_info(_stamp(t), frame, camera))
 
 
 def camera_from(data: bytes, where: str, topic: str = "") -> Camera:
@@ -107,7 +116,7 @@ def pose(t: float, frame: str, matrix: Array, covariance: Array) -> bytes:
 
     The message's covariance is along the fixed axes of ``frame``, as ROS has it.
     """
-    return encoded(POSE, maker().pose_with_covariance(nanoseconds(t), frame, matrix, covariance))
+    return encoded(POSE, maker().pose_with_covariance(_stamp(t), frame, matrix, covariance))
 
 
 def pose_from(data: bytes, where: str) -> tuple[float, Array, Array]:
@@ -118,7 +127,7 @@ def pose_from(data: bytes, where: str) -> tuple[float, Array, Array]:
 
 def odometry(t: float, t_wc: Array, covariance: Array) -> bytes:
     """The robot's pose as Odometry; see `collabslam.formats.ros_odometry`."""
-    return encoded(ODOMETRY, odometry_message(store().types, nanoseconds(t), t_wc, covariance))
+    return encoded(ODOMETRY, odometry_message(store().types, _stamp(t), t_wc, covariance))
 
 
 def rate(t: float, value: Array) -> bytes:

@@ -16,6 +16,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -43,11 +44,14 @@ class Pictures:
     give : callable
         Is given each view with its pixels, from a thread of its device's own.
     drop : callable
-        Is told why a view is dropped.
+        Is told whose view is dropped, and why.
     """
 
     def __init__(
-        self, cameras: Mapping[str, Camera], give: Callable[[LiveView], None], drop: Callable[[str], None]
+        self,
+        cameras: Mapping[str, Camera],
+        give: Callable[[LiveView], None],
+        drop: Callable[[str, str], None],
     ) -> None:
         self._cameras, self._give, self._drop = dict(cameras), give, drop
         self._lock = threading.Lock()
@@ -64,7 +68,7 @@ class Pictures:
             if self._closed:
                 return
             if name not in self._devices:
-                self._devices[name] = _Device(camera, self._give, self._drop)
+                self._devices[name] = _Device(camera, self._give, partial(self._drop, name))
             device = self._devices[name]
         device.add(view)
 

@@ -189,7 +189,9 @@ class RobotNode:
     def _done(self, pose: LivePose, slam: Slam, results: LiveResults) -> None:
         """A frame is done: publish first, then write."""
         facts = self._counts() | self.uplink.said()
-        self._downlink.frame(pose, slam, facts, self.uplink.reports())
+        views = {} if self._live is None else self._live.views
+        devices = {name: merged(of, views.get(name, {})) for name, of in self.uplink.reports().items()}
+        self._downlink.frame(pose, slam, facts, devices)
         results.frame(pose)
         results.checkpoint(slam)
 
@@ -228,6 +230,11 @@ class RobotNode:
         asked = _mode(options), options.start, options.settings.values
         plan = LivePlan(*asked, tags, boards, t_bc, persons, imu_state(self._camera.imu))
         return EventWriter(options.record, plan, self._camera.camera, worn)
+
+
+def merged(report: Mapping[str, float], counts: Mapping[str, int]) -> dict[str, float]:
+    """A device's report and what became of its views, which are dropped for one reason in two places."""
+    return {name: report.get(name, 0) + counts.get(name, 0) for name in (*report, *counts)}
 
 
 def worn_calibrations(options: RobotOptions, camera: LiveCamera, uplink: Uplink) -> dict[str, Camera]:

@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterable
 
+from collabslam.live.advice import DROPPED, USED
 from collabslam.live.clock import ClockEstimator, Exchange
 from collabslam.live.views import NO_CLOCK, NOBODY, OTHER, LiveView, sender_of
 
 SILENT = 1.0
 """Seconds of the robot's frames without a view that is used: then another sender may take over."""
+SENDERS = 64
+"""Senders of whom is counted what becomes of their views."""
 SESSIONS, REMEMBERED = 8, 64
 """Sessions of which a clock is known, and those that have ended, of each worn camera."""
 
@@ -75,6 +78,8 @@ class Senders:
     def __init__(self, names: Iterable[str], *, same_clock: bool = False) -> None:
         self.dropped: Counter[str] = Counter()
         """Views that are not used, by reason."""
+        self.counts: dict[str, Counter[str]] = {}
+        """What became of the views of each sender, as `advice` counts it; of the first `SENDERS` of them."""
         self._each = {name: Sender() for name in names}
         self._same_clock = same_clock
 
@@ -107,14 +112,27 @@ class Senders:
         """
         found = self._timed(view, now)
         if isinstance(found, str):
-            self.dropped[found] += 1
+            self.drop(view.session, found)
             return None
         return found
+
+    def drop(self, session: str, reason: str) -> None:
+        """A view of this session is not used."""
+        self.dropped[reason] += 1
+        self._count(session, f"{DROPPED}{reason}")
 
     def used(self, t: float, names: Iterable[str]) -> None:
         """The frame at ``t`` seconds used views of the worn cameras of these names."""
         for name in names:
-            self._each[name].used = t
+            sender = self._each[name]
+            sender.used = t
+            if sender.session is not None:
+                self._count(sender.session, USED)
+
+    def _count(self, session: str, what: str) -> None:
+        name = sender_of(session)
+        if name in self.counts or len(self.counts) < SENDERS:
+            self.counts.setdefault(name, Counter())[what] += 1
 
     def heard(self, t: float) -> dict[str, bool]:
         """By name, whether a view was used within the last `SILENT` seconds before ``t``."""

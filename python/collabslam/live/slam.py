@@ -203,6 +203,12 @@ class LiveSlam:
         """The sessions whose views are used, by the name of the worn camera."""
         return self._core.senders.sessions
 
+    @property
+    def views(self) -> dict[str, dict[str, int]]:
+        """What became of the views of each sender: ``used``, and ``dropped`` with the reason; only for
+        ``on_pose``, and once it is closed."""
+        return {name: dict(counts) for name, counts in self._core.senders.counts.items()}
+
     def close(self, *, flush: bool = True) -> None:
         """Ends the thread, after all that waits was done, or at once without ``flush``.
 

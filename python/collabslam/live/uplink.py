@@ -13,6 +13,7 @@ from functools import partial
 from collabslam._core import Camera
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages, names
+from collabslam.live.advice import DROPPED
 from collabslam.live.clock import ClockEstimator
 from collabslam.live.core import ClockReading, Event
 from collabslam.live.pairing import Pairing
@@ -88,6 +89,7 @@ class _Device:
     session: str = ""
     arrivals: deque[Arrival] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     images_received: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
 
 
 class Uplink:
@@ -170,7 +172,8 @@ class Uplink:
             return list(self._devices[name].arrivals) if name in self._devices else []
 
     def reports(self) -> dict[str, dict[str, float]]:
-        """Of each device: images received, their last age and the median of the last ten, milliseconds.
+        """Of each device: images received, their last age and the median of the last ten, milliseconds; what
+        was dropped, by reason.
 
         One of which none has arrived is told so: it has to know that its way loses all.
         """
@@ -183,7 +186,7 @@ class Uplink:
             try:
                 name, part = names.device_of(key)
             except DataError as error:
-                self._refuse("", error)
+                self._refuse(None, "", error)
                 return
             device = self._device(name)
             if device is None:
@@ -191,7 +194,7 @@ class Uplink:
                 return
             self.received[name] += len(payload)
             if not _allowed(device, part, time.monotonic()):
-                self.dropped[FLOOD] += 1
+                self._drop(device, FLOOD)
                 return
             try:
                 if part in SENSORS:
@@ -199,7 +202,7 @@ class Uplink:
                 else:
                     then = self._event(name, device, part, payload)
             except CollabslamError as error:
-                self._refuse(f"{name}: ", error)
+                self._refuse(device, f"{name}: ", error)
                 return
         for do in then:
             do()
@@ -214,8 +217,13 @@ class Uplink:
             self._devices[name] = _Device(Pairing(unposed=self._unposed))
         return self._devices[name]
 
-    def _refuse(self, whose: str, error: CollabslamError) -> None:
-        self.dropped[MALFORMED] += 1
+    def _drop(self, device: _Device | None, reason: str) -> None:
+        self.dropped[reason] += 1
+        if device is not None:
+            device.dropped[reason] += 1
+
+    def _refuse(self, device: _Device | None, whose: str, error: CollabslamError) -> None:
+        self._drop(device, MALFORMED)
         self.faults.append(f"{whose}{error}"[:LONGEST])
 
     def _event(self, name: str, device: _Device, part: str, payload: bytes) -> list[Callable[[], None]]:
@@ -256,7 +264,7 @@ class Uplink:
     def _sensed(self, name: str, device: _Device, part: str, payload: bytes) -> list[Callable[[], None]]:
         """The same of a sensor's message; its frame is the device's session, of a scan with the scanner."""
         if self.sensing is None:
-            self.dropped[UNASKED] += 1
+            self._drop(device, UNASKED)
             return []
         message = messages.decoded(SENSORS[part], payload)
         session, scanner = str(message.header.frame_id), ""
@@ -266,7 +274,7 @@ class Uplink:
                 raise DataError(f"A scan has {len(message.ranges)} beams; send at most {MOST_BEAMS}.")
         taken = device.clock.robot_time(messages.stamp_of(message))
         if taken is None or names.own_session(name, session) != device.session:
-            self.dropped[NO_CLOCK] += 1
+            self._drop(device, NO_CLOCK)
             return []
         if part == names.SCAN:
             scan = replace(scan_from(message, scanner), t=taken[0])
@@ -293,10 +301,10 @@ class Uplink:
         else:
             self.give(event)
 
-    def drop(self, reason: str) -> None:
-        """Count a view that is dropped before the filter."""
+    def drop(self, name: str, reason: str) -> None:
+        """Count a view of a device that is dropped before the filter."""
         with self._lock:
-            self.dropped[reason] += 1
+            self._drop(self._devices.get(name), reason)
 
     def give(self, event: Event) -> None:
         """Push an event; what the filter says to it is kept among the `faults`."""
@@ -311,7 +319,7 @@ class Uplink:
         ours, theirs = self._cameras.get(name, self._cameras.get("")), device.camera
         if view is None or ours is None or theirs is None or _same(theirs, ours):
             return view
-        self.dropped[CALIBRATION] += 1
+        self._drop(device, CALIBRATION)
         return None
 
 
@@ -329,12 +337,15 @@ def _allowed(device: _Device, part: str, now: float) -> bool:
 
 
 def _report(device: _Device) -> dict[str, float]:
+    counts = device.dropped + Counter({UNPAIRED: device.pairing.unpaired})
+    dropped = {f"{DROPPED}{reason}": float(count) for reason, count in counts.items() if count}
     if not device.arrivals:
-        return {"images": device.images_received}
+        return {"images": device.images_received, **dropped}
     ages = [1e3 * arrival.age for arrival in device.arrivals]
     return {
         "images": device.images_received,
         "age_ms": ages[-1],
         "age_median_ms": statistics.median(ages[-10:]),
         "clock_drift_ppm": 1e6 * device.clock.drift,
+        **dropped,
     }

@@ -7,7 +7,7 @@ import contextlib
 import hmac
 import http
 import json
-import math
+import logging
 import secrets
 import ssl
 import struct
@@ -23,15 +23,16 @@ from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.live.clock import Exchange
 from collabslam.live.gateway import Gateway
+from collabslam.live.messages import FARTHEST
 
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 PAGES = {"/": "phone.html", "/view": "view.html"} | {
     f"/{name}": name for name in ("page.css", "phone.js", "tracked.js", "view.js", "link.js")
 }
 LARGEST, CONNECTIONS = 300_000, 16
-"""Bytes of a message, and connections at once."""
-HELLO = 5.0
-"""Seconds in which a connection must show its token."""
+"""Bytes of a message, and connections at once that have shown a token."""
+HELLO, STRANGERS = 5.0, 64
+"""Seconds in which a connection must show its token; of those that have not, the oldest gives way."""
 REFUSED = 1008
 """The socket's code for who may not come in."""
 _HEADERS = {
@@ -69,6 +70,7 @@ class WebServer:
     def __init__(self, gateway: Gateway, tokens: Tokens) -> None:
         self._gateway, self._tokens = gateway, tokens
         self._open = 0
+        self._strangers: dict[Any, None] = {}
         self._clock = gateway.clock
 
     @contextlib.asynccontextmanager
@@ -102,6 +104,7 @@ class WebServer:
                 max_size=LARGEST,
                 max_queue=4,
                 compression=None,
+                logger=_silent(),
             )
         except OSError as error:
             raise DataError(
@@ -116,12 +119,11 @@ class WebServer:
         from websockets.http11 import Response
 
         path = request.path.partition("?")[0]
-        if path in ("/phone", "/view") and "websocket" in request.headers.get("Upgrade", "").lower():
-            origin, host = request.headers.get("Origin", ""), request.headers.get("Host", "")
-            if origin != f"https://{host}":
+        upgrades = " ".join(request.headers.get_all("Upgrade")).lower()
+        if path in ("/phone", "/view") and "websocket" in upgrades:
+            origins, hosts = request.headers.get_all("Origin"), request.headers.get_all("Host")
+            if len(hosts) != 1 or origins != [f"https://{hosts[0]}"]:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "open the page first\n")
-            if self._open >= CONNECTIONS:
-                return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, "too many connections\n")
             return None
         name = PAGES.get(path)
         if name is None:
@@ -137,28 +139,43 @@ class WebServer:
         from websockets.exceptions import ConnectionClosed
 
         role = socket.request.path.partition("?")[0].removeprefix("/")
-        self._open += 1
-        try:
+        with contextlib.suppress(ConnectionClosed):
             hello = await self._hello(socket, getattr(self._tokens, role))
             if hello is None:
                 await socket.close(REFUSED, "The token is wrong; open the address that was printed.")
-            elif role == "view":
-                await self._show(socket)
+            elif self._open >= CONNECTIONS:
+                await socket.close(REFUSED, "Too many pages are open; close one of them.")
             else:
-                await self._phone(socket, hello)
-        except ConnectionClosed:
-            pass
-        finally:
-            self._open -= 1
+                self._open += 1
+                try:
+                    await self._serve(socket, role, hello)
+                finally:
+                    self._open -= 1
+
+    async def _serve(self, socket: Any, role: str, hello: Mapping[str, Any]) -> None:
+        """A page that has shown its token."""
+        if role == "view":
+            await self._show(socket)
+        elif hello.get("watch") is True:
+            await self._look(socket)
+        else:
+            await self._phone(socket, hello)
 
     async def _hello(self, socket: Any, token: str) -> Mapping[str, Any] | None:
-        """The first message if it shows the token."""
+        """The first message if it shows the token; who has none makes room for others that have none."""
+        if len(self._strangers) >= STRANGERS:
+            oldest = next(iter(self._strangers))
+            del self._strangers[oldest]
+            oldest.transport.abort()
+        self._strangers[socket] = None
         try:
             hello = _object(await asyncio.wait_for(socket.recv(), HELLO))
         except TimeoutError:
             return None
+        finally:
+            self._strangers.pop(socket, None)
         shown = hello.get("token")
-        good = isinstance(shown, str) and hmac.compare_digest(shown.encode(), token.encode())
+        good = isinstance(shown, str) and hmac.compare_digest(_bytes(shown), _bytes(token))
         return hello if good else None
 
     async def _show(self, socket: Any) -> None:
@@ -168,8 +185,16 @@ class WebServer:
                 facts, picture = await asyncio.to_thread(watch.next)
                 if picture is not None:
                     await socket.send(picture)
-                if facts:
-                    await socket.send(json.dumps(facts))
+                await socket.send(json.dumps(facts))
+
+    async def _look(self, socket: Any) -> None:
+        """A phone before its start: what the robot sees."""
+        with self._gateway.watching() as watch:
+            while True:
+                facts, picture = await asyncio.to_thread(watch.next)
+                if picture is not None:
+                    await socket.send(picture)
+                await socket.send(json.dumps(_of_phone(facts)))
 
     async def _phone(self, socket: Any, hello: Mapping[str, Any]) -> None:
         """A phone's images, and what it is told."""
@@ -197,7 +222,7 @@ class WebServer:
                 facts, picture = await asyncio.to_thread(watch.next)
                 if picture is not None:
                     await socket.send(picture)
-                await socket.send(json.dumps({"level": phone.level(), "facts": facts.get("facts", {})}))
+                await socket.send(json.dumps({"level": phone.level(), **_of_phone(facts)}))
 
     async def _answer(self, socket: Any, phone: Any, message: Mapping[str, Any]) -> None:
         received = self._clock.now()
@@ -211,6 +236,24 @@ class WebServer:
         elif isinstance(own, list) and len(own) == 8 and all(map(_is_time, own)):
             t, *numbers = map(float, own)
             phone.own(t, np.array(numbers[:3]), np.array(numbers[3:]))
+
+
+def _of_phone(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """What a phone's page is told of it."""
+    return {name: facts[name] for name in ("facts", "own", "status", "silent") if name in facts}
+
+
+def _bytes(text: str) -> bytes:
+    """Of any text that JSON can hold."""
+    return text.encode("utf-8", "surrogatepass")
+
+
+def _silent() -> logging.Logger:
+    """Strangers who speak no HTTP, or break off, are no news."""
+    logger = logging.getLogger("collabslam.live.web")
+    logger.addHandler(logging.NullHandler())
+    logger.propagate = False
+    return logger
 
 
 def _image(phone: Any, message: bytes) -> None:
@@ -231,4 +274,4 @@ def _object(message: Any) -> dict[str, Any]:
 
 def _is_time(value: Any) -> bool:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and math.isfinite(value) and abs(value) < 1e11
+    return number and -FARTHEST < value < FARTHEST

@@ -32,7 +32,7 @@ from collabslam.live import link, messages, names
 from collabslam.live.gateway import Gateway, seen_from_above
 from collabslam.live.keys import make_keys
 from collabslam.live.monotonic_clock import MonotonicClock
-from collabslam.live.web import Tokens, WebServer
+from collabslam.live.web import CONNECTIONS, STRANGERS, Tokens, WebServer
 
 TOKENS = Tokens("phone-token", "view-token")
 SIZE = (640, 480)
@@ -52,6 +52,11 @@ class Robot:
         self.status = link.publisher(session, names.STATUS)
         self.pose = link.publisher(session, names.POSE)
         self.view = link.publisher(session, names.VIEW)
+
+    def close(self) -> None:
+        """It is dead."""
+        for kept in (*self._kept, self.status, self.pose, self.view):
+            kept.undeclare()
 
     def _tell(self, query: Any) -> None:
         query.reply(names.CLOCK, messages.times("robot", [self.clock.now(), self.clock.now()]))
@@ -246,6 +251,10 @@ def test_a_page_is_told_what_the_robot_says(robot: tuple[Robot, Gateway], keys: 
         ("view", {"token": 7}),
         ("view", {}),
         ("view", ["token"]),
+        ("view", {"token": "\ud800"}),
+        ("phone", {"token": "\ud800", "watch": True}),
+        ("phone", {"token": TOKENS.phone + "\0"}),
+        ("phone", {"token": 10**300}),
     ],
 )
 def test_without_its_token_a_page_gets_nothing(
@@ -259,6 +268,180 @@ def test_without_its_token_a_page_gets_nothing(
             return page.close_code
 
     assert served(robot[1], keys, visit) == 1008
+
+
+def test_facts_are_told_once_and_how_long_the_robot_is_silent(
+    robot: tuple[Robot, Gateway], keys: Path
+) -> None:
+    """A robot that is killed: nothing of it is told again, but how long that was ago."""
+    there, gateway = robot
+
+    async def visit(port: int, context: ssl.SSLContext) -> list[dict[str, Any]]:
+        told: list[dict[str, Any]] = []
+        async with open_socket(port, context, "view") as page:
+            await page.send(json.dumps({"token": TOKENS.view}))
+            assert json.loads(await page.recv()) == {"silent": None}
+            while not any(message.get("status") == "OK" for message in told):
+                there.status.put(messages.status(1.0, {"robot": ("OK", "OK", {"link": "mono"})}))
+                told.append(json.loads(await page.recv()))
+            there.close()
+            while (told[-1]["silent"] or 0.0) < 2.5:
+                told.append(json.loads(await page.recv()))
+        return told
+
+    told = served(gateway, keys, visit)
+    last = max(k for k, message in enumerate(told) if "status" in message)
+    assert len(told) > last + 2
+    assert all(set(message) == {"silent"} for message in told[last + 1 :])
+    ages = [message["silent"] for message in told[last + 1 :]]
+    assert ages == sorted(ages)
+
+
+def test_a_phone_sees_what_the_robot_sees_before_its_start(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    there, gateway = robot
+
+    async def visit(port: int, context: ssl.SSLContext) -> tuple[bytes, dict[str, Any]]:
+        async with open_socket(port, context, "phone") as page:
+            await page.send(json.dumps({"token": TOKENS.phone, "watch": True}))
+            found: bytes | None = None
+            while found is None:
+                there.view.put(messages.compressed_image(1.0, "cs", picture((64, 48))))
+                message = await page.recv()
+                found = message if isinstance(message, bytes) else None
+            async with open_socket(port, context, "phone") as other:  # it takes nobody's place
+                await other.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
+                return found, json.loads(await other.recv())
+
+    seen, answer = served(gateway, keys, visit)
+    assert seen == picture((64, 48))
+    assert answer == {"ready": True}
+
+
+def test_a_phone_is_told_what_becomes_of_its_images(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    there, gateway = robot
+
+    async def visit(port: int, context: ssl.SSLContext) -> list[dict[str, Any]]:
+        said: list[dict[str, Any]] = []
+        async with open_socket(port, context, "phone") as page:
+            await page.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
+            for k in itertools.count(1):
+                own = {"images": 10 * k, "dropped no pose": 8 * k}
+                entries = {"robot": ("OK", "OK", {"link": "mono"}), "web": ("OK", "", own)}
+                there.status.put(messages.status(float(k), entries))
+                message = await page.recv()
+                said += [] if isinstance(message, bytes) or "own" not in message else [json.loads(message)]
+                if said and "tag" in said[-1]["own"]["text"]:
+                    return said
+        return said
+
+    assert served(gateway, keys, visit)[-1]["own"]["good"] is False
+
+
+def test_who_shows_no_token_holds_no_place(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    """More than may be there at all, and all of them silent: a page with its token gets in."""
+
+    async def visit(port: int, context: ssl.SSLContext) -> dict[str, Any]:
+        async with contextlib.AsyncExitStack() as stack:
+            for _ in range(STRANGERS + 20):
+                await stack.enter_async_context(open_socket(port, context, "view"))
+            page = await stack.enter_async_context(open_socket(port, context, "view"))
+            await page.send(json.dumps({"token": TOKENS.view}))
+            return dict(json.loads(await page.recv()))
+
+    assert "silent" in served(robot[1], keys, visit)
+
+
+def test_so_many_pages_and_no_more(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    async def visit(port: int, context: ssl.SSLContext) -> tuple[list[bool], int | None]:
+        async with contextlib.AsyncExitStack() as stack:
+            seen = []
+            for _ in range(CONNECTIONS):
+                page = await stack.enter_async_context(open_socket(port, context, "view"))
+                await page.send(json.dumps({"token": TOKENS.view}))
+                seen.append("silent" in json.loads(await page.recv()))
+            page = await stack.enter_async_context(open_socket(port, context, "view"))
+            await page.send(json.dumps({"token": TOKENS.view}))
+            with pytest.raises(ConnectionClosed):
+                await page.recv()
+            return seen, page.close_code
+
+    assert served(robot[1], keys, visit) == ([True] * CONNECTIONS, 1008)
+
+
+HANDSHAKES = {
+    "two hosts": "Host: 127.0.0.1\r\nHost: elsewhere\r\nOrigin: https://127.0.0.1\r\n",
+    "no host": "Origin: https://127.0.0.1\r\n",
+    "two origins": "Host: 127.0.0.1\r\nOrigin: https://127.0.0.1\r\nOrigin: https://elsewhere\r\n",
+    "no origin": "Host: 127.0.0.1\r\n",
+    "origin null": "Host: 127.0.0.1\r\nOrigin: null\r\n",
+    "bytes": "Host: 127.0.0.1\r\nOrigin: https://\xff\xfe\r\n",
+    "upgrade twice": "Host: a\r\nHost: b\r\nUpgrade: h2c\r\n",
+}
+
+
+@pytest.mark.parametrize("name", list(HANDSHAKES))
+def test_a_handshake_of_nobody_is_refused_without_a_word(
+    robot: tuple[Robot, Gateway], keys: Path, name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async def visit(port: int, context: ssl.SSLContext) -> bytes:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+        key = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        key += "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        writer.write(f"GET /view HTTP/1.1\r\n{HANDSHAKES[name]}{key}\r\n".encode("latin-1"))
+        head = await reader.read(100)
+        writer.close()
+        return head
+
+    head = served(robot[1], keys, visit)
+    assert b" 101 " not in head
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+FOREIGN: list[Any] = [
+    struct.pack(">d", 3e9) + b"\xff\xd8\xff",
+    struct.pack(">d", -3e9) + b"\xff\xd8\xff",
+    struct.pack(">d", float("nan")) + b"\xff\xd8\xff",
+    struct.pack(">d", float("inf")) + b"\xff\xd8\xff",
+    b"",
+    bytes(7),
+    "",
+    "[" * 10_000,
+    json.dumps({"ask": 10**400}),
+    json.dumps({"ask": 3e9}),
+    json.dumps({"ask": True}),
+    '{"ask": NaN}',
+    '{"ask": Infinity}',
+    json.dumps({"exchange": [1.0, 2.0]}),
+    json.dumps({"exchange": [10**300] * 4}),
+    json.dumps({"exchange": "abcd"}),
+    json.dumps({"exchange": {"a": 1}}),
+    json.dumps({"own": [3e9, *[0.0] * 6, 1.0]}),
+    json.dumps({"own": [1.0, *[1e308] * 7]}),
+    json.dumps({"own": [1.0, *[0.0] * 7]}),
+    json.dumps({"own": [[1.0]] * 8}),
+    json.dumps({"ask": {}, "exchange": None, "own": 7}),
+    '{"a": "\\ud800"}',
+]
+
+
+@pytest.mark.parametrize("k", range(len(FOREIGN)))
+def test_a_phone_that_says_anything_costs_only_itself(
+    robot: tuple[Robot, Gateway], keys: Path, k: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async def visit(port: int, context: ssl.SSLContext) -> bool:
+        async with open_socket(port, context, "phone") as page:
+            await page.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
+            await page.recv()
+            await page.send(FOREIGN[k])
+            await page.send(json.dumps({"ask": 1.0}))
+            answer: dict[str, Any] = {}
+            while "asked" not in answer or answer["asked"] != 1.0:
+                answer = json.loads(await page.recv())
+        return True
+
+    assert served(robot[1], keys, visit)
+    assert robot[0].of(names.IMAGE) == []
+    assert "Traceback" not in "".join(capfd.readouterr())
 
 
 def test_another_site_and_large_messages_are_refused(robot: tuple[Robot, Gateway], keys: Path) -> None:
@@ -334,8 +517,9 @@ def test_the_pages_are_served_with_their_rules(robot: tuple[Robot, Gateway], key
 def test_the_ellipse_lies_along_the_larger_deviation() -> None:
     pose = np.eye(4)
     covariance = np.diag([0.01, 1.0, 0.04, 1.0, 1.0, 1.0])
-    x, z, a, b, angle = seen_from_above(pose, covariance)
+    x, z, a, b, angle, heading = seen_from_above(pose, covariance)
     assert (x, z) == (0.0, 0.0)
+    assert heading == pytest.approx(np.pi / 2, abs=1e-3)  # along z
     assert (a, b) == (0.2, 0.1)
     assert abs(angle) == pytest.approx(np.pi / 2, abs=1e-3)
 

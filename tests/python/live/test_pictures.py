@@ -28,7 +28,7 @@ class Heard:
     def __init__(self, cameras: dict[str, Camera]) -> None:
         self.views: list[LiveView] = []
         self.dropped: list[str] = []
-        self.pictures = Pictures(cameras, self.views.append, self.dropped.append)
+        self.pictures = Pictures(cameras, self.views.append, lambda _, why: self.dropped.append(why))
 
     def take(self, session: str, image: bytes = PNG) -> None:
         self.pictures.take(session.partition("/")[0], LiveView(session, 0.0, image))

@@ -1,45 +1,55 @@
 // The camera's images as JPEGs with the time of their capture, as many as the robot has use for.
-import { connect, facts, say } from "/link.js";
+import { connect, facts, isSilent, say } from "/link.js";
 import { possible, track } from "/tracked.js";
 
 const video = document.getElementById("video");
 const plain = document.getElementById("start"), tracked = document.getElementById("track");
 const seconds = (ms) => (performance.timeOrigin + ms) / 1000;
-let socket = null, busy = false, last = -Infinity, sent = 0, asking = null;
+let socket = null, busy = false, last = -Infinity, sent = 0, asking = null, started = false, lost = false, own = null, problem = "";
 const shown = new Set(["link", "started", "metric", "cf matches"]);
 let level = { width: 640, quality: 0.5, rate: 10 };
 
-function started(yes) {
-  plain.disabled = tracked.disabled = yes;
+function begun(yes, why = "") {
+  started = plain.disabled = tracked.disabled = yes;
+  video.hidden = !yes;
+  problem = why;
+}
+
+// Before the start the page shows what the robot sees, and sends nothing.
+let stop = connect("phone", () => ({ watch: true }), (message) => { if (message.facts) tell(message.facts); }, () => {});
+
+function send_as(hello) {
+  stop();
+  stop = connect("phone", hello, take, () => { socket = own = null; });
 }
 
 async function start() {
-  started(true);
+  begun(true);
   try {
     const wanted = { facingMode: "environment", width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
     video.srcObject = await navigator.mediaDevices.getUserMedia({ video: wanted, audio: false });
     await video.play();
   } catch (error) {
-    started(false);
-    say(`The camera cannot be used: ${error.message}. Allow it in the browser, and open this page with https.`, false);
+    begun(false, `The camera cannot be used: ${error.message}. Allow it in the browser, and open this page with https.`);
     return;
   }
-  connect("phone", () => ({ width: video.videoWidth, height: video.videoHeight }), take, () => { socket = null; });
+  send_as(() => ({ width: video.videoWidth, height: video.videoHeight }));
   video.requestVideoFrameCallback(frame);
   if (navigator.wakeLock) navigator.wakeLock.request("screen").catch(() => {});
 }
 
 // The phone tracks itself: images come from the session, and the plain camera is its own meanwhile.
 async function startTracked() {
-  started(true);
+  begun(true);
   let camera = null;
   const turned = (now) => now.width !== camera.width || now.intrinsics.some((v, k) => Math.abs(v - camera.intrinsics[k]) > 0.02 * now.width);
   const shot = (time, now, from, read) => {
     if (!camera) {
       camera = now;
-      connect("phone", () => camera, take, () => { socket = null; });
+      send_as(() => camera);
     }
-    if (turned(now)) { say("Hold the phone as it was at the start.", false); return; }
+    lost = turned(now);
+    if (lost) { say("Hold the phone as it was at the start.", false); return; }
     if (!due(time)) return;
     const width = Math.min(level.width, camera.width), height = Math.round(width * camera.height / camera.width);
     const canvas = new OffscreenCanvas(width, height);
@@ -48,21 +58,18 @@ async function startTracked() {
     last = time;
     send(canvas, time, from).finally(() => { busy = false; });
   };
-  video.style.display = "none"; // the session shows the camera itself
+  video.hidden = true; // the session shows the camera itself
   try {
-    await track(document.body, shot, () => say("The phone has lost itself. Move it slowly, towards things that can be seen.", false), () => location.reload());
+    await track(document.body, shot, () => { lost = true; say("The phone has lost itself. Move it slowly, towards things that can be seen.", false); }, () => location.reload());
   } catch (error) {
-    started(false);
-    video.style.display = "";
-    say(`This phone does not track itself here (${error.message}). Start the camera; a tag that both see tells its place.`, false);
+    begun(false, `This phone does not track itself here (${error.message}). Start the camera; a tag that both see tells its place.`);
   }
 }
 
 function take(message, from) {
-  if (message.refused) { say(message.refused, false); return; }
+  if (message.refused) { begun(false, message.refused); return; }
   if (message.ready) {
     socket = from;
-    say("Sending. Look at what the robot sees.", true);
     clearInterval(asking);
     asking = setInterval(() => from.readyState === 1 && from.send(JSON.stringify({ ask: seconds(performance.now()) })), 500);
     from.send(JSON.stringify({ ask: seconds(performance.now()) }));
@@ -72,12 +79,23 @@ function take(message, from) {
     from.send(JSON.stringify({ exchange: [message.asked, message.received, message.answered, back] }));
   }
   if (message.level) level = message.level;
-  if (message.facts) {
-    const own = Object.entries(message.facts).filter(([name]) => shown.has(name) || name.includes(":"));
-    facts({ "images sent": sent, ...Object.fromEntries(own) });
-    look(message.facts);
-  }
+  if (message.own) own = message.own;
+  if (message.facts) { tell(message.facts); look(message.facts); }
 }
+
+function tell(said) {
+  const own = Object.entries(said).filter(([name]) => shown.has(name) || name.includes(":"));
+  facts({ ...(started ? { "images sent": sent } : {}), ...Object.fromEntries(own) });
+}
+
+// What becomes of the images, said again as long as it holds: old words are worse than none.
+setInterval(() => {
+  if (problem) { say(problem, false); return; }
+  if (isSilent(true) || lost) return;
+  if (!started) say("Not started. Below is what the robot sees.", true);
+  else if (own) say(own.text, own.good);
+  else say("Sending; the robot has not said yet what becomes of your images.", false);
+}, 250);
 
 function due(now) {
   return socket && !busy && socket.bufferedAmount <= 60000 && now - last >= 900 / level.rate;
