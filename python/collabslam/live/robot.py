@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,7 @@ class RobotNode:
     def __init__(self, session: Any, camera: LiveCamera, options: RobotOptions) -> None:
         self._zenoh, self._camera, self._options = session, camera, options
         self._live: LiveSlam | None = None
+        self._unwritten: dict[str, DataError] = {}
         sensors = options.sensors
         self.uplink = Uplink(
             self._push,
@@ -111,7 +112,8 @@ class RobotNode:
         Raises
         ------
         DataError
-            If the camera breaks off, or a file cannot be written; everything before is written.
+            If the camera breaks off, or a file cannot be written; everything before is written.  Where a
+            file cannot, the poses go out all the same until the camera ends.
         FilterError
             If the filter meets a numerical state from which it cannot go on; likewise.
         """
@@ -147,7 +149,9 @@ class RobotNode:
                 slam,
                 targets=options.targets,
                 on_pose=lambda pose: self._done(pose, slam, results),
-                on_event=lambda event: recorder.write(event, self._camera.clock.now()),
+                on_event=lambda event: self._keep(
+                    "record", lambda: recorder.write(event, self._camera.clock.now())
+                ),
             )
             self._live = live
             self._camera.drive(live.push_odometry)
@@ -156,7 +160,11 @@ class RobotNode:
             stack.callback(clock.undeclare)
             error, interrupted = self._drive(live)
             facts = {**self._counts(), "interrupted": interrupted, "folder": str(folder)}
-            results.finish(slam, facts)
+            error = error or next(iter(self._unwritten.values()), None)
+            try:
+                results.finish(slam, facts)
+            except DataError as fault:
+                error = error or fault
         if error is not None:
             raise error
         return {**results.facts, **facts}
@@ -192,15 +200,26 @@ class RobotNode:
         views = {} if self._live is None else self._live.views
         devices = {name: merged(of, views.get(name, {})) for name, of in self.uplink.reports().items()}
         self._downlink.frame(pose, slam, facts, devices)
-        results.frame(pose)
-        results.checkpoint(slam)
+        self._keep("results", lambda: results.frame(pose))
+        self._keep("checkpoint", lambda: results.checkpoint(slam))
+
+    def _keep(self, what: str, write: Callable[[], None]) -> None:
+        """Writes; a disk that is full ends this file, never the pose, and is told now and at the end."""
+        if what in self._unwritten:
+            return
+        try:
+            write()
+        except DataError as error:
+            self._unwritten[what] = error
+            _say(f"the {what} ends here, the robot goes on: {error}")
 
     def _counts(self) -> dict[str, Any]:
         """Everything that was dropped, by reason."""
         dropped = Counter(self.uplink.counts())
         dropped.update({} if self._live is None else self._live.dropped)
         unposed = {f"no pose: {k}": v for k, v in self.uplink.unposed().items()}
-        return {**{f"dropped {k}": v for k, v in dropped.items()}, **unposed}
+        lost = {"not written": ", ".join(self._unwritten)} if self._unwritten else {}
+        return {**{f"dropped {k}": v for k, v in dropped.items()}, **unposed, **lost}
 
     def _engine(self, folder: Path, worn: Mapping[str, Camera]) -> Slam:
         options = self._options

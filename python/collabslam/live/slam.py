@@ -8,6 +8,7 @@ import weakref
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from types import TracebackType
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -65,7 +66,8 @@ class LiveSlam:
         Is given the `LivePose` of each frame.  It may use ``slam``.  What it raises ends nothing and is
         kept as ``callback_error``; but a `CollabslamError` ends the filter.
     on_event : callable, optional
-        Is given each event before the filter takes it, in that order: what a record needs.
+        Is given each event before the filter takes it, in that order: what a record needs.  What it raises
+        is as of ``on_pose``.
     same_clock : bool
         Whether both cameras are stamped by one clock; otherwise `push_clock` must say what the worn one's is.
     targets : sequence of Tag and Board
@@ -274,19 +276,18 @@ class LiveSlam:
     def _work(self) -> None:
         try:
             while (event := self._next()) is not None:
-                if self._on_event is not None:
-                    self._on_event(event)
+                self._call(self._on_event, event)
                 pose = self._core.handle(event)
                 if pose is not None:
-                    self._tell(pose)
+                    self._call(self._on_pose, pose)
         except BaseException as error:
             with self._change:
                 self._error = error
 
-    def _tell(self, pose: LivePose) -> None:
+    def _call(self, back: Callable[[Any], None] | None, value: Any) -> None:
         try:
-            if self._on_pose is not None:
-                self._on_pose(pose)
+            if back is not None:
+                back(value)
         except CollabslamError:
             raise
         except Exception as error:

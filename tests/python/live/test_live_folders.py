@@ -19,7 +19,9 @@ from helpers.in_step import InStep
 from collabslam import Camera, DataError, Settings, Slam
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.live import link
+from collabslam.live.downlink import Downlink
 from collabslam.live.link import Address
+from collabslam.live.record import EventWriter
 from collabslam.live.results import ENGINE, LiveResults, written_frames
 from collabslam.live.robot import RobotNode, RobotOptions, check_cameras
 from collabslam.types import Frame, Image
@@ -184,6 +186,27 @@ def test_a_robot_goes_on_from_its_first_frame(clip: Clip, tmp_path: Path) -> Non
         drive(Alone(clip), tmp_path / "out")
     assert written_frames(killed / "frames.csv")[1] == 1
     assert drive(Alone(clip, FRAMES), killed, resume=True)["frames"] == 1 + FRAMES
+
+
+@pytest.mark.parametrize("what", ["frame", "checkpoint", "write", "finish"])
+def test_a_full_disk_does_not_take_the_pose(clip: Clip, tmp_path: Path, what: str) -> None:
+    """Frames are done and told to the end, and the end says what was not written."""
+    told: list[float] = []
+
+    def full(*_: object) -> None:
+        raise DataError("The disk is full.")
+
+    def counted(self: Downlink, pose: Any, *_: object) -> None:
+        told.append(pose.step.t)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EventWriter if what == "write" else LiveResults, what, full)
+        patch.setattr(Downlink, "frame", counted)
+        with pytest.raises(DataError, match="full"):
+            drive(Alone(clip), tmp_path / "out", record=tmp_path / "record")
+    assert told == [f.t for f in clip.frames[:FRAMES]]
+    if what != "finish":
+        assert "not written" in (tmp_path / "out" / "summary.json").read_text()
 
 
 def test_an_earlier_runs_checkpoint_does_not_outlive_it(driven: Path, tmp_path: Path) -> None:
