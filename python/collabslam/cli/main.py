@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:
     """Parse, call the command, and turn whatever ends it into a sentence and an exit status."""
     debug = False
-    warnings.formatwarning = lambda message, *_, **__: f"{parser.prog}: warning: {message}\n"
+    warnings.formatwarning = lambda message, *_, **__: f"{parser.prog}: warning: {printable(message)}\n"
     with quiet_pipes():
         try:
             if threading.current_thread() is threading.main_thread():
@@ -38,7 +38,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
             status: int = arguments.main(arguments)
             sys.stdout.flush()
         except CollabslamError as error:
-            print(f"{parser.prog}: error: {error}", file=sys.stderr)
+            print(f"{parser.prog}: error: {printable(error)}", file=sys.stderr)
             return NOT_TRUSTED if isinstance(error, FilterError) else BAD_INPUT
         except Terminated:
             print(f"{parser.prog}: terminated", file=sys.stderr)
@@ -49,11 +49,18 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
         except OSError as error:
             if error.filename is None:
                 return tell_fault(error, parser.prog, debug=debug)
-            print(f"{parser.prog}: error: {_told_by_the_system(error)}", file=sys.stderr)
+            print(f"{parser.prog}: error: {printable(_told_by_the_system(error))}", file=sys.stderr)
             return BAD_INPUT
         except Exception as error:
             return tell_fault(error, parser.prog, debug=debug)
     return status
+
+
+def printable(said: object) -> str:
+    """A message as a terminal may be given it: names in it are somebody else's, and may hold its commands."""
+    return "".join(
+        c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in str(said)
+    )
 
 
 def _told_by_the_system(error: OSError) -> str:

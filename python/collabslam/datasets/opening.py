@@ -32,6 +32,7 @@ from collabslam.datasets.ros import reader as bag_recording
 from collabslam.datasets.ros.odometry_topic import read_odometry_topic
 from collabslam.datasets.units import check_rate
 from collabslam.errors import DataError
+from collabslam.formats.files import check_name
 from collabslam.types import Odometry
 
 
@@ -173,6 +174,7 @@ def open_recording(
     given = Given(camera, times, poses, dict(topics or {}), None, depth_scale, dict(axes or {}))
     for one in sensors:
         given = replace(given, odometry=one) if isinstance(one, OdometryGiven) else replace(given, gyro=one)
+    check_name(Path(source))
     return open_given(Path(source), given)
 
 

@@ -42,6 +42,7 @@ def read_bytes(path: Path, most: int = LARGEST) -> bytes:
     DataError
         If it is larger, or a pipe, a socket, a device or a folder; it is not waited for.
     """
+    check_name(path)
     # Without O_NONBLOCK a pipe that nobody writes to would hold us here.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
@@ -56,6 +57,12 @@ def read_bytes(path: Path, most: int = LARGEST) -> bytes:
             return file.read()
     finally:
         os.close(handle)
+
+
+def check_name(path: Path) -> None:
+    """Raises DataError if nothing can be called so."""
+    if "\0" in str(path):
+        raise DataError(f"No file can be called {str(path)[:80]!r}; give a name without a zero byte.")
 
 
 def read_text(path: Path) -> str:

@@ -368,7 +368,12 @@ class Slam:
         InputError
             If there is no such submap.
         """
-        return self._parts.submaps.chain().graph.relative(first, second)
+        try:
+            return self._parts.submaps.chain().graph.relative(first, second)
+        except (IndexError, OverflowError, TypeError) as error:
+            raise InputError(
+                f"There is no submap {first!r}, or none {second!r}; give numbers of `submaps`."
+            ) from error
 
     @alone
     def saved_map(self) -> SavedMap:

@@ -15,7 +15,7 @@ from collabslam._core import Camera
 from collabslam.datasets.gate import tell
 from collabslam.datasets.images import SAMPLED, depth_of, natural
 from collabslam.datasets.ros import messages as m
-from collabslam.datasets.ros.bounded import bound_decompression
+from collabslam.datasets.ros.bounded import bound_decompression, leave_qos_alone
 from collabslam.datasets.ros.cut_mcap import as_far_as_whole
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import DataError
@@ -38,6 +38,8 @@ _TF_TYPES = (TF_TYPE, "tf/msg/tfMessage")
 SCAN_TYPE, IMU_TYPE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 
 
+_LARGEST_METADATA = 1 << 21
+"""Bytes of a ``metadata.yaml``: a thousand topics have a quarter of it."""
 _MEND_FOLDER = "'ros2 bag reindex' mends its metadata"
 _MEND = {
     ".bag": "'rosbag reindex' mends what can be mended",
@@ -91,6 +93,13 @@ class Bag:
         for file in path.iterdir() if path.is_dir() else [path]:
             require_regular(file)
         bound_decompression()
+        leave_qos_alone()
+        told = path / "metadata.yaml"
+        if told.is_file() and told.stat().st_size > _LARGEST_METADATA:
+            raise DataError(
+                f"{told} has {told.stat().st_size >> 20} MB, which no bag needs; take it away, or give one "
+                "of the bag's files."
+            )
         paths = [as_far_as_whole(p) for p in (_files(path) if path.is_dir() else [path])]
         kind = paths[0].suffix if paths else path.suffix
         store = _typestore("ROS1_NOETIC" if kind == ".bag" else "ROS2_HUMBLE")
@@ -146,6 +155,8 @@ class Bag:
         count = 0
         with self._broken():
             for connection, received, data in self._reader.messages(connections, start=start):
+                if not isinstance(received, int):
+                    raise DataError(f"a message of {topic} was recorded at {str(received)[:40]!r}")
                 yield received, self._reader.deserialize(data, connection.msgtype)
                 count += 1
         if not count and start is None:

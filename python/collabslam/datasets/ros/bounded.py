@@ -1,6 +1,7 @@
 """rosbags with decompressors that stop: its own unpack whatever a chunk of a few bytes asks for.
 
-`bound_decompression` puts them in the place of its own, for the whole process.
+`bound_decompression` puts them in the place of its own, for the whole process; `leave_qos_alone` lets it not
+parse what nobody asks: how topics were offered, which may be megabytes of YAML.
 """
 
 from __future__ import annotations
@@ -118,3 +119,11 @@ def bound_decompression() -> None:
     mcap.DECOMPRESSORS["lz4"] = lambda data, _: decompressed(data, lz4_machine)
     ros1.decompressors["bz2"] = lambda data: decompressed(data, bz2.BZ2Decompressor)
     ros1.decompressors["lz4"] = lambda data: decompressed(data, lz4_machine)
+
+
+@cache
+def leave_qos_alone() -> None:
+    """Readers learn nothing of how topics were offered."""
+    for name in ("reader", "storage_mcap", "storage_sqlite3"):
+        module = import_module(f"rosbags.rosbag2.{name}")
+        module.parse_qos = lambda _: []  # type: ignore[attr-defined]
