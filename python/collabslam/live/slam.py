@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import itertools
 import threading
 import weakref
 from collections import Counter, deque
@@ -250,12 +251,27 @@ class LiveSlam:
             if self._closing:
                 raise InputError("This LiveSlam is closed; make another one.")
             if self._waiting[queue] >= BOUNDS[kind]:
-                self._events.remove(next(e for e in self._events if self._queue(e) == queue))
-                self._lost[kind] += 1
+                self._remove(next(e for e in self._events if self._queue(e) == queue))
+                self._waiting[queue] += 1
+                if kind is RobotFrame:
+                    self._let_frames_pass()
             else:
                 self._waiting[queue] += 1
             self._events.append(event)
             self._change.notify()
+
+    def _remove(self, event: Event) -> None:
+        """Lose one that waits."""
+        self._events.remove(event)
+        self._waiting[self._queue(event)] -= 1
+        self._lost[type(event)] += 1
+
+    def _let_frames_pass(self) -> None:
+        """A frame has been lost: views before the next one give way, or frames would wait for views, be lost
+        in their turn, and none would ever be done."""
+        before = itertools.takewhile(lambda e: not isinstance(e, RobotFrame), self._events)
+        for view in [event for event in before if isinstance(event, LiveView)]:
+            self._remove(view)
 
     def _next(self) -> Event | None:
         """The next event; None when there is none left and none will come."""

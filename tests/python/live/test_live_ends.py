@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from helpers.clip import Clip
+from helpers.waiting import until
 
 from collabslam import InputError, Slam
 from collabslam.live.clock import Exchange
-from collabslam.live.core import LivePose, RobotFrame
+from collabslam.live.core import Event, LivePose, RobotFrame
 from collabslam.live.refusals import MOST, OTHERS, Refusals
-from collabslam.live.slam import LiveSlam
+from collabslam.live.slam import BOUNDS, LiveSlam
 from collabslam.live.views import LiveView
 
 GREY = np.zeros((48, 64), np.uint8)
@@ -76,6 +78,31 @@ def test_a_callback_may_close(clip: Clip) -> None:
         live.push_robot(frame.t + 1.0, frame.image)
 
 
+def test_frames_do_not_wait_for_views(clip: Clip) -> None:
+    """A filter that is as slow as can be with views: no frame is lost because of those before it."""
+    frame = clip.frames[0]
+    go, done = threading.Semaphore(0), list[str]()
+    with LiveSlam(engine(clip), same_clock=True) as live:
+
+        def handle(event: Event) -> None:
+            go.acquire()
+            done.append(type(event).__name__)
+
+        live._core.handle = handle  # type: ignore[method-assign]
+        live.push_worn(0.0, GREY, session="anna/1")
+        assert until(lambda: not live._events)  # it is being worked on
+        for k in range(40):
+            for n in range(3):
+                live.push_worn(0.1 * k + 0.01 * n, GREY, session="anna/1")
+            live.push_robot(0.1 * k, frame.image)
+        go.release(1000)
+    assert done[:2] == ["LiveView", "RobotFrame"]
+    assert done.count("RobotFrame") == BOUNDS[RobotFrame]
+    lost = live.dropped
+    assert lost["frames"] == 40 - BOUNDS[RobotFrame]
+    assert lost["crowded"] == 121 - done.count("LiveView")
+
+
 def test_a_name_that_is_none_makes_no_engine(clip: Clip) -> None:
     for name in ("../anna", "anna\n", "a b", "-a", "x" * 33):
         with pytest.raises(InputError, match="called"):
@@ -98,7 +125,7 @@ OPEN = """
 import sys, threading
 import numpy as np
 from collabslam import Camera, Slam
-from collabslam.live.slam import LiveSlam
+from collabslam.live.slam import BOUNDS, LiveSlam
 camera = Camera("pinhole", 640, 480, (400.0, 400.0, 320.0, 240.0))
 live = LiveSlam(Slam(camera, mode="mono", start="scale-free"))
 noise = np.random.default_rng(0)
