@@ -52,6 +52,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="write poses and map in a level world, too (x ahead, y left, z up), as the accelerometer tells "
         "which way is down, or roll and pitch of Cs at the start, degrees (looking down by 10 is 0,10)",
     )
+    parser.add_argument(
+        "--rate-poses",
+        action="store_true",
+        help="write poses and velocities between frames at the gyroscope's rate, too: poses_imu_rate.csv",
+    )
     parser.add_argument("--max-frames", metavar="N", type=int, help="stop after so many frames")
     group = parser.add_argument_group("stop and go on")
     group.add_argument(
@@ -103,6 +108,7 @@ def _run(arguments: argparse.Namespace) -> int:
         reopen=source,
         progress=True,
         world=arguments.world,
+        rate_poses=arguments.rate_poses,
         notes=options.notes_of(arguments),
     )
     with options.watching(recording, arguments) as watch:

@@ -78,6 +78,8 @@ class Output:
     world : str or None
         ``level`` or ``level:ROLL,PITCH[,SD]``: write poses and map in a level world, too; see
         `collabslam.runs.level.parse_world`.
+    rate_poses : bool
+        Write poses between frames at the gyroscope's rate, too; see `collabslam.runs.rate_poses`.
     notes : mapping
         Further facts for the summary's ``options``, such as how the worn camera was emulated.
     """
@@ -90,6 +92,7 @@ class Output:
     reopen: Source | None = None
     progress: bool = False
     world: str | None = None
+    rate_poses: bool = False
     notes: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -3,6 +3,7 @@
 A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame), ``trajectory.tum``
 and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``corrected.tum``,
 ``whole_map.ply``, ``submaps.tum``, ``submaps.cov``, ``level.tum``, ``level.cov``, ``level.ply``,
+``poses_imu_rate.csv``,
 ``trajectory.png`` and ``summary.json``; those of
 `worn_results` where there are worn cameras; ``checkpoint.bin`` until a run that keeps one is done;
 ``traceback.txt`` of one that a fault of this program ended.  Those of ``LINES`` grow line by
@@ -48,6 +49,7 @@ GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.
 SUBMAPS, SUBMAPS_COVARIANCE = "submaps.tum", "submaps.cov"
 CORRECTED, WHOLE_MAP = "corrected.tum", "whole_map.ply"
 LEVEL_TRAJECTORY, LEVEL_COVARIANCE, LEVEL_MAP = "level.tum", "level.cov", "level.ply"
+RATE_POSES = "poses_imu_rate.csv"
 CHECKPOINT, TRACEBACK = "checkpoint.bin", "traceback.txt"
 LINES = (FRAMES, COVARIANCE, TRAJECTORY)
 """Files that grow line by line; a pose's covariance comes before the pose."""
@@ -61,6 +63,7 @@ AT_THE_END = (
     LEVEL_TRAJECTORY,
     LEVEL_COVARIANCE,
     LEVEL_MAP,
+    RATE_POSES,
     PICTURE,
     SUMMARY,
 )

@@ -22,7 +22,8 @@ from collabslam.runs.interrupts import Interrupts
 from collabslam.runs.level import LEVEL, WORLD_NOTE, Level, measured_level, parse_world
 from collabslam.runs.plan import MODE_KEY, Interval, Output, Plan
 from collabslam.runs.progress import Progress
-from collabslam.runs.results import ResultWriter, jsonable
+from collabslam.runs.rate_poses import RATE_NOTE, rate_poses, write_rate_poses
+from collabslam.runs.results import RATE_POSES, ResultWriter, jsonable
 from collabslam.runs.sensors import give_sensors, gyro_numbers
 from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
@@ -146,7 +147,7 @@ def run(
         start if isinstance(start, str) else "map",
         start != "scale-free" if isinstance(start, str) else start.metric,
         settings.replace({MODE_KEY: mode}),
-        jsonable({**output.notes, **_printed_note(printed), **_world_note(output.world, recording)}),
+        jsonable({**output.notes, **_printed_note(printed), **_asked(output, recording)}),
         None if output.checkpoint_every is None else Interval.parse(output.checkpoint_every),
     )
     if plan.every is not None and (output.folder is None or slam is not None):
@@ -227,17 +228,23 @@ def _printed_note(printed: Sequence[Tag | Board]) -> dict[str, list[str]]:
     return {"printed": [str(target) for target in printed]} if printed else {}
 
 
-def _world_note(world: str | None, recording: Recording) -> dict[str, str]:
-    """That the results are to be level, for the summary; raises SettingsError if nothing can tell it."""
-    if world is None:
-        return {}
+def _asked(output: Output, recording: Recording) -> dict[str, Any]:
+    """Further files that are asked for, for the summary; raises SettingsError if nothing can tell them."""
     log = getattr(recording, "imu", None)
+    if output.rate_poses and log is None:
+        raise SettingsError(
+            f"{recording.name} has no gyroscope at whose rate poses could be written; give --gyro FILE|TOPIC."
+        )
+    asked: dict[str, Any] = {RATE_NOTE: True} if output.rate_poses else {}
+    world = output.world
+    if world is None:
+        return asked
     if parse_world(world) is None and (log is None or log.accelerations is None):
         raise SettingsError(
             f"{recording.name} has no accelerometer that tells which way is down; give --gyro FILE with ax, "
             "ay, az, or --world level:ROLL,PITCH (degrees, of Cs at the start)."
         )
-    return {WORLD_NOTE: world}
+    return asked | {WORLD_NOTE: world}
 
 
 def make_engine(
@@ -373,6 +380,16 @@ class _Run:
         summary["loops"] = [] if submaps is None else [asdict(loop) for loop in submaps.loops]
         return RunResult(summary, self.record, aligned, landmarks, self.folder, submaps, level)
 
+    def _write_rate_poses(self, writer: ResultWriter) -> None:
+        """Poses between frames, if they were asked for."""
+        log, engine = getattr(self.recording, "imu", None), self.engine
+        if RATE_NOTE not in self.plan.notes or log is None or not isinstance(engine, Slam):
+            return
+        bias, clock = engine.filter.gyro_bias, engine.filter.gyro_clock
+        if bias is not None and clock is not None:
+            found = rate_poses(self.record, log, self.plan.settings, bias[0], clock[0])
+            write_rate_poses(writer.folder / RATE_POSES, found, self.plan.unit)
+
     def _level(self) -> Level | None:
         """Which way is down: as it was told, or as the accelerometer has it."""
         told = parse_world(self.plan.notes.get(WORLD_NOTE, LEVEL))
@@ -385,6 +402,7 @@ class _Run:
             poses = None if result.truth is None else result.truth.poses
             if result.level is not None and WORLD_NOTE in self.plan.notes:
                 writer.level(self.record, result.landmarks, result.level)
+            self._write_rate_poses(writer)
             writer.finish(self.record, result.landmarks, poses, result.summary, result.submaps)
         if save_map is not None and len(result.landmarks.ids):
             self.engine.saved_map().save(save_map)
