@@ -68,7 +68,6 @@ __all__ = [
     "WarpLimits",
     "WarpedPatches",
     "Windows",
-    "WornCameraPose",
     "WornMeasurement",
     "WornSettings",
     "__version__",
@@ -1528,7 +1527,7 @@ class Filter:
             For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
             was.
         """
-    def worn_pose(self, worn: WornMeasurement) -> WornCameraPose:
+    def worn_pose(self, worn: WornMeasurement) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where a worn camera was, as its stated T_CF and the camera's pose have it: of a view that was not
         measured.
 
@@ -1539,7 +1538,10 @@ class Filter:
 
         Returns
         -------
-        WornCameraPose
+        pose : (4, 4) float64
+            T_WF: maps points of F into W, metres.
+        covariance : (6, 6) float64
+            Of it over (translation m, rotation rad), right tangent.
 
         Raises
         ------
@@ -2015,8 +2017,9 @@ class UpdateReport:
     worn_error : (6,) float64
         Estimated error of T_CF of the first view after the update, (translation m, rotation rad), right
         tangent.
-    worn_poses : list of WornCameraPose
-        Where the worn cameras were whose views were measured.
+    worn_poses : dict of int to (pose, covariance)
+        Where the worn cameras were whose views were measured, by their numbers: T_WF (4, 4), metres, and
+        its covariance (6, 6) over (translation m, rotation rad), right tangent.
     jumped : bool
         Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
         the map.
@@ -2042,29 +2045,9 @@ class UpdateReport:
     @property
     def worn_error(self) -> NDArray[np.float64]: ...
     @property
-    def worn_poses(self) -> list[WornCameraPose]: ...
+    def worn_poses(self) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
     @property
     def jumped(self) -> bool: ...
-
-@final
-class WornCameraPose:
-    """Where a worn camera was when its view was taken.
-
-    Attributes
-    ----------
-    who : int
-        Its number.
-    pose : (4, 4) float64
-        T_WF: maps points of F into W, metres.
-    covariance : (6, 6) float64
-        Of it over (translation m, rotation rad), right tangent.
-    """
-    @property
-    def who(self) -> int: ...
-    @property
-    def pose(self) -> NDArray[np.float64]: ...
-    @property
-    def covariance(self) -> NDArray[np.float64]: ...
 
 @final
 class MapRelocalisation:

@@ -57,7 +57,7 @@ class FrameFeatures:
 
 
 @dataclass(frozen=True)
-class PlacedCamera:
+class WornPose:
     """Where a worn camera was when its view was taken.
 
     Attributes
@@ -135,7 +135,7 @@ class StepResult:
     diagnostics : dict
         Counts, reasons of rejection, milliseconds per stage.
     worn : dict
-        Where the worn cameras are whose views this frame used or looked at, by name; a `PlacedCamera` each.
+        Where the worn cameras are whose views this frame used or looked at, by name; a `WornPose` each.
     features : FrameFeatures
         What became of each feature that should be visible; a checkpoint does not keep it.
     gyro : GyroEstimate or None
@@ -153,7 +153,7 @@ class StepResult:
     pose_map: Array
     covariance_map: Array
     diagnostics: dict[str, Any]
-    worn: Mapping[str, PlacedCamera] = field(default_factory=dict)
+    worn: Mapping[str, WornPose] = field(default_factory=dict)
     features: FrameFeatures = field(default_factory=FrameFeatures)
     gyro: GyroEstimate | None = None
 

@@ -6,7 +6,7 @@ use ekf_core::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use ekf_core::birth::two_view::TwoView;
 use ekf_core::math::{inverse_depth, pose::Pose, quat};
 use ekf_core::observe::point::CameraPose;
-use ekf_core::observe::{FeatureState, PointInCamera, Rows, Shutter, WornView};
+use ekf_core::observe::{FeatureState, PointInCamera, Rows, Shutter};
 use ekf_core::predict;
 use ekf_core::settings::{MotionModel, ProcessSettings};
 use nalgebra::{
@@ -296,12 +296,8 @@ fn worn_pixel_rows() {
         let t_cf = random_worn(&mut rng);
         let error = normals::<6>(&mut rng) * 0.02;
         let rows = |pose: &CameraPose, feature: &FeatureState, error: &Vector6<f64>| {
-            let view = WornView {
-                camera: &camera,
-                measured: t_cf.clone(),
-                error: *error,
-            };
-            Rows::worn_pixel(&view, pose, feature, &Vector2::zeros(), 1.0).expect("visible")
+            let t_cf = (&t_cf, error);
+            Rows::worn_pixel(&camera, t_cf, pose, feature, &Vector2::zeros(), 1.0).expect("visible")
         };
         let predicted =
             |rows: Rows| -> Vector2<f64> { -rows.innovation.fixed_rows::<2>(0).into_owned() };

@@ -2,7 +2,7 @@
 
 use crate::scene::{DT, Scene, Warm, name, settings, warm};
 use ekf_core::birth::two_view::TwoView;
-use ekf_core::observe::{PointInCamera, Rows, WornView};
+use ekf_core::observe::{PointInCamera, Rows};
 use ekf_core::settings::Value;
 use ekf_core::state::{BlockKind, ErrorOwner};
 use ekf_core::{
@@ -260,12 +260,8 @@ pub(crate) fn units(
         let (y, offset) = feature(pair.id.expect("known"));
         let rows = match outcome {
             MeasurementOutcome::Pixel => {
-                let view = WornView {
-                    camera,
-                    measured: worn.t_cf.clone(),
-                    error,
-                };
-                Rows::worn_pixel(&view, &pose, &y, &pair.uv_f, pixel.sigma_cf)
+                let t_cf = (&worn.t_cf, &error);
+                Rows::worn_pixel(camera, t_cf, &pose, &y, &pair.uv_f, pixel.sigma_cf)
             }
             MeasurementOutcome::Depth => {
                 let predicted = PointInCamera::metric(&pose, &y).expect("rho > 0").value;

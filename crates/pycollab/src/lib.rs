@@ -71,7 +71,7 @@ mod _core {
     use crate::filter::{
         Block, CandidateReport, CandidateViews, PyConditionalPrediction, PyFilter, PyKnownMap,
         PyLandmarks, PyMapRelocalisation, PyMeasurementOutcomes, PyOverlap, PyPrediction,
-        PyUpdateReport, PyWornPose,
+        PyUpdateReport,
     };
     #[pymodule_export]
     use crate::frontend::consensus::{

@@ -49,6 +49,17 @@ def views_of(worn: Mapping[str, RecordedWorn], i: int) -> tuple[WornView, ...]:
     return tuple(replace(view, who=name) for name, view in found if view is not None)
 
 
-def cameras_of(worn: Mapping[str, RecordedWorn]) -> dict[str, Camera]:
-    """Their calibrations by the name of whoever wears the camera."""
-    return {name: of.camera for name, of in worn.items()}
+class WithWornCameras:
+    """What a recording tells of the worn cameras in its ``worn``."""
+
+    worn: Mapping[str, RecordedWorn]
+
+    @property
+    def worn_cameras(self) -> dict[str, Camera]:
+        """Calibration of each Cf of which the recording holds views, by name."""
+        return {name: of.camera for name, of in self.worn.items()}
+
+    @property
+    def worn_camera(self) -> Camera | None:
+        """That of the first one; None where there is none."""
+        return next(iter(self.worn_cameras.values()), None)

@@ -14,7 +14,7 @@ from collabslam._core import Camera
 from collabslam.datasets.depth_image import DepthImage
 from collabslam.datasets.gate import tell
 from collabslam.datasets.images import read_grey
-from collabslam.datasets.recorded_worn import RecordedWorn, cameras_of, views_of
+from collabslam.datasets.recorded_worn import RecordedWorn, WithWornCameras, views_of
 from collabslam.datasets.units import as_seconds, looks_dated, read_stamps
 from collabslam.errors import DataError, InputError
 from collabslam.types import Array, Frame, Image, ImuLog, Odometry, Recording, Target
@@ -38,7 +38,7 @@ class Rig:
 
 
 @dataclass(frozen=True)
-class ImageRecording:
+class ImageRecording(WithWornCameras):
     """A :class:`collabslam.types.Recording` whose images are files.
 
     Attributes
@@ -85,16 +85,6 @@ class ImageRecording:
     def has_depth(self) -> bool:
         """Whether frames bring depths with them."""
         return bool(self.depth)
-
-    @property
-    def worn_cameras(self) -> dict[str, Camera]:
-        """Calibration of each Cf of which the recording holds views, by name."""
-        return cameras_of(self.worn)
-
-    @property
-    def worn_camera(self) -> Camera | None:
-        """That of the first one; None where there is none."""
-        return next(iter(self.worn_cameras.values()), None)
 
     def __len__(self) -> int:
         return len(self.paths)

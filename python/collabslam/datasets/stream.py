@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
-from collabslam.datasets.recorded_worn import RecordedWorn, cameras_of, views_of
+from collabslam.datasets.recorded_worn import RecordedWorn, WithWornCameras, views_of
 from collabslam.datasets.recording import check_frames, frame_index
 from collabslam.types import Array, DepthPoints, Frame, Image, ImuLog, Odometry, Target
 
 
 @dataclass(frozen=True)
-class StreamRecording:
+class StreamRecording(WithWornCameras):
     """A :class:`collabslam.types.Recording` whose images are read by a function.
 
     Attributes
@@ -57,16 +57,6 @@ class StreamRecording:
 
     def __len__(self) -> int:
         return len(self.times)
-
-    @property
-    def worn_cameras(self) -> dict[str, Camera]:
-        """Calibration of each Cf of which the recording holds views, by name."""
-        return cameras_of(self.worn)
-
-    @property
-    def worn_camera(self) -> Camera | None:
-        """Calibration of the first Cf; None where there is none."""
-        return next(iter(self.worn_cameras.values()), None)
 
     def image(self, i: int) -> Image:
         """The (H, W) uint8 image of Cs in frame ``i``."""

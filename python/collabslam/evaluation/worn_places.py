@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.results import PlacedCamera
+from collabslam.results import WornPose
 
 EXACT = (np.nan, np.nan)
 """In a checkpoint, a clock that is exact."""
-Places = Mapping[str, PlacedCamera]
+Places = Mapping[str, WornPose]
 """Those of one frame, by the name of whoever wears the camera."""
 
 
@@ -32,9 +32,9 @@ def places_state(frames: Sequence[Places]) -> dict[str, dict[str, Any]]:
     return out
 
 
-def places_from(state: Mapping[str, Mapping[str, Any]], count: int) -> list[dict[str, PlacedCamera]]:
+def places_from(state: Mapping[str, Mapping[str, Any]], count: int) -> list[dict[str, WornPose]]:
     """Those of ``count`` frames, of a `places_state`; KeyError, ValueError or IndexError if it is none."""
-    out: list[dict[str, PlacedCamera]] = [{} for _ in range(count)]
+    out: list[dict[str, WornPose]] = [{} for _ in range(count)]
     for name, columns in state.items():
         scalars = (columns[key].tolist() for key in ("times", "measured", "matches"))
         rows = zip(
@@ -47,5 +47,5 @@ def places_from(state: Mapping[str, Mapping[str, Any]], count: int) -> list[dict
         )
         for i, pose, covariance, (offset, sd), t, measured, matches in rows:
             clock = None if np.isnan(sd) else (offset, sd)
-            out[i][name] = PlacedCamera(pose, covariance, measured, t, matches, clock)
+            out[i][name] = WornPose(pose, covariance, measured, t, matches, clock)
     return out

@@ -18,7 +18,7 @@ from collabslam.evaluation.record import is_valid
 from collabslam.evaluation.worn_places import Places
 from collabslam.formats.files import LineFile, open_lines, read_own_text, write_text
 from collabslam.formats.trajectory import covariance_header, covariance_line, tum_header, tum_line
-from collabslam.results import PlacedCamera, StepResult
+from collabslam.results import StepResult, WornPose
 
 PATTERNS = ("worn.tum", "worn.cov", "worn-*.tum", "worn-*.cov")
 """Names of these files."""
@@ -56,7 +56,7 @@ class WornTracks:
         """Write whole files from the frames that there are."""
         self.close()
         self._last = dict.fromkeys(self._last, -float("inf"))
-        lines: dict[str, list[PlacedCamera]] = {name: [] for name in self._last}
+        lines: dict[str, list[WornPose]] = {name: [] for name in self._last}
         for step in steps:
             for name, place in self._following(step):
                 lines[name].append(place)
@@ -114,7 +114,7 @@ class WornTracks:
         poses, covariances = worn_files(name)
         return self._folder / poses, self._folder / covariances
 
-    def _following(self, step: StepResult) -> list[tuple[str, PlacedCamera]]:
+    def _following(self, step: StepResult) -> list[tuple[str, WornPose]]:
         """The places of a frame with a valid pose, each later than its camera's last one."""
         out = []
         for name, place in step.worn.items() if is_valid(step) else ():

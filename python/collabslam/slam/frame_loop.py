@@ -14,7 +14,7 @@ from collabslam._core import UpdateReport
 from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
 from collabslam.frontend.flow import FlowImage
 from collabslam.frontend.patch import SIZE
-from collabslam.results import FrameFeatures, PlacedCamera, StepResult
+from collabslam.results import FrameFeatures, StepResult, WornPose
 from collabslam.slam.consistency_monitor import GYRO, NOTHING
 from collabslam.slam.frame_outcome import FrameOutcome
 from collabslam.slam.map_change import MapChange
@@ -183,7 +183,7 @@ class FrameLoop:
         counts: Mapping[str, Any],
         features: FrameFeatures,
         times: StageTimes,
-        worn: Mapping[str, PlacedCamera],
+        worn: Mapping[str, WornPose],
     ) -> StepResult:
         core, metric, scale_sd = self._filter, self._parts.start.metric, self._filter.scale_sd
         plan = {}

@@ -110,7 +110,7 @@ def _run(variant: Variant, seed: tuple[int, int]) -> Told:
         report = core.step(frame)
         if core.filter.started:
             found[k], covariances[k] = core.filter.pose, core.filter.pose_covariance
-            placed = [(one.pose, pose @ t_cf(one.who), one.covariance) for one in report.worn_poses]
+            placed = [(est, pose @ t_cf(who), cov) for who, (est, cov) in report.worn_poses.items()]
             if placed:
                 est, true, cov = (np.array(part) for part in zip(*placed, strict=True))
                 of_worn[k] = np.nanmean(nees(pose_tangent_error(est, true), cov))

@@ -2,7 +2,7 @@
 
 use crate::math::{inverse_depth, quat};
 use crate::observe::POSE_DIM;
-use crate::state::{Block, BlockKind, Covariance, Layout};
+use crate::state::{Block, Covariance, InWorld, Layout};
 use nalgebra::Vector3;
 
 /// Turns about the three axes of W, and scale.
@@ -23,26 +23,14 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
     attitude(x, 3, out);
     position(x, POSE_DIM, out);
     for block in layout.blocks() {
-        match block.kind {
-            BlockKind::Feature => inverse_depth_feature(x, block, out),
+        match block.kind.in_world() {
+            InWorld::Landmark => inverse_depth_feature(x, block, out),
             // What a submap transfers is not a place: it stays.
-            BlockKind::Clone | BlockKind::Submap(_) => {
+            InWorld::Pose => {
                 position(x, block.offset, out);
                 attitude(x, block.offset + 3, out);
             }
-            // T_CF is metric and seen from C; auxiliary rows come with a working set only.
-            BlockKind::WornBias(_)
-            | BlockKind::Calibration
-            | BlockKind::Readout
-            | BlockKind::WornClock(_)
-            | BlockKind::OdometryScale
-            | BlockKind::GyroBias
-            | BlockKind::GyroFrame
-            | BlockKind::GyroClock
-            | BlockKind::WornError(_)
-            | BlockKind::WornRoll(_)
-            | BlockKind::ErrorModes(_)
-            | BlockKind::Auxiliary(_) => {}
+            InWorld::Nowhere => {}
         }
     }
 }

@@ -25,7 +25,7 @@ pub(crate) use drift_noise::DriftNoise;
 use crate::kernel::Product;
 use crate::observe::block::MeasurementBlock;
 use crate::observe::{FEATURE_DIM, POSE_DIM};
-use crate::state::{Block, BlockKind, CAMERA_DIM, Layout, Rest, State};
+use crate::state::{Block, CAMERA_DIM, InWorld, Layout, Rest, State};
 use directions::SCALE;
 use nalgebra::SMatrix;
 use std::ops::Range;
@@ -202,21 +202,10 @@ impl Gauge {
 
 /// What moves with the camera: its clones, and the features that are followed.
 fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<Item = &'a Block> {
-    layout.blocks().iter().filter(|b| match b.kind {
-        BlockKind::Feature => followed.binary_search(&b.id).is_ok(),
-        BlockKind::Clone | BlockKind::Submap(_) => true,
-        BlockKind::WornBias(_)
-        | BlockKind::Calibration
-        | BlockKind::Readout
-        | BlockKind::WornClock(_)
-        | BlockKind::OdometryScale
-        | BlockKind::GyroBias
-        | BlockKind::GyroFrame
-        | BlockKind::GyroClock
-        | BlockKind::WornError(_)
-        | BlockKind::WornRoll(_)
-        | BlockKind::ErrorModes(_)
-        | BlockKind::Auxiliary(_) => false,
+    layout.blocks().iter().filter(|b| match b.kind.in_world() {
+        InWorld::Landmark => followed.binary_search(&b.id).is_ok(),
+        InWorld::Pose => true,
+        InWorld::Nowhere => false,
     })
 }
 

@@ -8,5 +8,5 @@ pub mod shutter;
 
 pub use feature::{FEATURE_DIM, FeatureState};
 pub use point::{POSE_DIM, PointInCamera};
-pub use rows::{Rows, WornView};
+pub use rows::Rows;
 pub use shutter::{ByMotion, Shutter};

@@ -37,17 +37,6 @@ pub struct Rows {
 /// Rows of a pixel.
 const PIXEL: usize = 2;
 
-/// The worn camera in one frame: model, measured pose and the present estimate of its error.
-#[derive(Clone, Debug)]
-pub struct WornView<'a> {
-    /// Camera model of Cf.
-    pub camera: &'a Camera,
-    /// Measured T_CF.
-    pub measured: Pose,
-    /// Estimated error: T_CF = measured Exp(error).
-    pub error: Vector6<f64>,
-}
-
 impl Rows {
     /// Whether it is a pixel, not a point.
     pub fn is_pixel(&self) -> bool {
@@ -138,19 +127,20 @@ impl Rows {
         })
     }
 
-    /// A pixel in Cf (METHOD 6, tight form): `h_F = project_F(R_CF^T (h_C - rho t_CF))`.
+    /// A pixel in Cf (METHOD 6, tight form): `h_F = project_F(R_CF^T (h_C - rho t_CF))`, with T_CF = `measured_t_cf` Exp(`error`).
     pub fn worn_pixel(
-        worn: &WornView<'_>,
+        camera: &Camera,
+        (measured_t_cf, error): (&Pose, &Vector6<f64>),
         pose: &CameraPose,
         feature: &FeatureState,
         measured: &Vector2<f64>,
         sigma_px: f64,
     ) -> Option<Self> {
         let h = visible_direction(pose, feature)?;
-        let t_cf = worn.measured.retract(&worn.error);
+        let t_cf = measured_t_cf.retract(error);
         let r_fc = t_cf.rotation.transpose();
         let value = r_fc * (h.value - t_cf.translation * feature.scale());
-        let (predicted, j) = worn.camera.project_jac(&value)?;
+        let (predicted, j) = camera.project_jac(&value)?;
         let by_scale = SMatrix::<f64, 1, 6>::from_row_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
         let in_f = PointInCamera {
             value,
@@ -160,8 +150,8 @@ impl Rows {
         let mut by_error = SMatrix::<f64, 3, 6>::zeros();
         by_error
             .fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&(r_fc * worn.measured.rotation * -feature.scale()));
-        let turn = worn.error.fixed_rows::<3>(3).into_owned();
+            .copy_from(&(r_fc * measured_t_cf.rotation * -feature.scale()));
+        let turn = error.fixed_rows::<3>(3).into_owned();
         by_error
             .fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&(quat::skew(&value) * quat::right_jacobian(&turn)));

@@ -208,18 +208,6 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
     match kind {
         BlockKind::Feature => side_by_side(&slots[..3]) && side_by_side(&slots[3..]),
         BlockKind::Auxiliary(_) => true,
-        BlockKind::ErrorModes(_)
-        | BlockKind::Clone
-        | BlockKind::WornBias(_)
-        | BlockKind::Calibration
-        | BlockKind::Readout
-        | BlockKind::WornClock(_)
-        | BlockKind::OdometryScale
-        | BlockKind::GyroBias
-        | BlockKind::GyroFrame
-        | BlockKind::GyroClock
-        | BlockKind::WornError(_)
-        | BlockKind::WornRoll(_)
-        | BlockKind::Submap(_) => side_by_side(slots),
+        _ => side_by_side(slots),
     }
 }

@@ -60,6 +60,17 @@ pub enum BlockKind {
     Auxiliary(usize),
 }
 
+/// What of a block a motion of W moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum InWorld {
+    /// A landmark in inverse depth.
+    Landmark,
+    /// The pose that it begins with.
+    Pose,
+    /// Nothing.
+    Nowhere,
+}
+
 impl BlockKind {
     /// Number of state entries.
     pub const fn dim(self) -> usize {
@@ -79,6 +90,42 @@ impl BlockKind {
     /// Whether it is a landmark.
     pub const fn is_feature(self) -> bool {
         matches!(self, Self::Feature)
+    }
+
+    /// Where its numbers are in W.
+    pub(crate) const fn in_world(self) -> InWorld {
+        match self {
+            Self::Feature => InWorld::Landmark,
+            Self::Clone | Self::Submap(_) => InWorld::Pose,
+            // T_CF is metric and seen from C; auxiliary rows come with a working set only.
+            Self::WornBias(_)
+            | Self::Calibration
+            | Self::Readout
+            | Self::WornClock(_)
+            | Self::OdometryScale
+            | Self::GyroBias
+            | Self::GyroFrame
+            | Self::GyroClock
+            | Self::WornError(_)
+            | Self::WornRoll(_)
+            | Self::ErrorModes(_)
+            | Self::Auxiliary(_) => InWorld::Nowhere,
+        }
+    }
+
+    /// Whether it is of a device, not of a map or of a frame: what is known of it outlives both.
+    pub(crate) const fn is_of_device(self) -> bool {
+        matches!(
+            self,
+            Self::WornBias(_)
+                | Self::Calibration
+                | Self::Readout
+                | Self::WornClock(_)
+                | Self::OdometryScale
+                | Self::GyroBias
+                | Self::GyroFrame
+                | Self::GyroClock
+        )
     }
 
     /// Whether it is considered, not estimated, but for what an update may learn of it.

@@ -18,6 +18,7 @@ pub(crate) use considered::{Considered, Learned};
 pub(crate) use cov::Rest;
 pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
+pub(crate) use layout::InWorld;
 pub use layout::{Block, BlockKind, CAMERA_DIM, ErrorOwner, Layout, transferred_dim};
 pub(crate) use time_correlated::{TimeCorrelatedBias, root};
 pub(crate) use worn_clock::ToldOfClock;

@@ -14,7 +14,7 @@ mod view_planning;
 pub(crate) use births::CandidateReport;
 pub(crate) use map::{PyKnownMap, PyLandmarks};
 pub(crate) use prediction::{PyConditionalPrediction, PyOverlap, PyPrediction};
-pub(crate) use report::{PyMapRelocalisation, PyMeasurementOutcomes, PyUpdateReport, PyWornPose};
+pub(crate) use report::{PyMapRelocalisation, PyMeasurementOutcomes, PyUpdateReport};
 pub(crate) use view_planning::CandidateViews;
 
 use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose};

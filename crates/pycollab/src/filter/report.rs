@@ -3,6 +3,7 @@
 use crate::arrays_out::{Column, Table, column, to_ids, to_matrix, to_pose};
 use ekf_core::{MeasurementOutcome, UpdateReport, WornPose};
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 
 /// What became of one kind of measurement in a frame.
 ///
@@ -103,6 +104,16 @@ fn name(outcome: &MeasurementOutcome) -> &'static str {
     }
 }
 
+/// T_WF of worn cameras by their numbers, each with its covariance.
+///
+/// Python: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]
+type WornPoses = BTreeMap<usize, (Table, Table)>;
+
+/// T_WF of a worn camera and its covariance.
+pub(super) fn to_worn_pose(py: Python<'_>, found: &WornPose) -> (Table, Table) {
+    (to_pose(py, &found.pose), to_matrix(py, &found.covariance))
+}
+
 /// What one update did.
 ///
 /// Attributes
@@ -127,8 +138,9 @@ fn name(outcome: &MeasurementOutcome) -> &'static str {
 /// worn_error : (6,) float64
 ///     Estimated error of T_CF of the first view after the update, (translation m, rotation rad), right
 ///     tangent.
-/// worn_poses : list of WornCameraPose
-///     Where the worn cameras were whose views were measured.
+/// worn_poses : dict of int to (pose, covariance)
+///     Where the worn cameras were whose views were measured, by their numbers: T_WF (4, 4), metres, and
+///     its covariance (6, 6) over (translation m, rotation rad), right tangent.
 /// jumped : bool
 ///     Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
 ///     the map.
@@ -144,7 +156,7 @@ pub(crate) struct PyUpdateReport {
     order: usize,
     exact: bool,
     worn_error: Column<f64>,
-    worn_poses: Vec<Py<PyWornPose>>,
+    worn_poses: WornPoses,
     jumped: bool,
 }
 
@@ -153,7 +165,7 @@ impl PyUpdateReport {
         let views = report.views.into_iter();
         let views = views.map(|outcomes| Py::new(py, PyMeasurementOutcomes(outcomes)));
         let worn_poses = report.worn_poses.iter();
-        let worn_poses = worn_poses.map(|pose| Py::new(py, PyWornPose::new(py, pose)));
+        let worn_poses = worn_poses.map(|found| (found.who, to_worn_pose(py, found)));
         Ok(Self {
             bearings: Py::new(py, PyMeasurementOutcomes(report.bearings))?,
             depths: Py::new(py, PyMeasurementOutcomes(report.depths))?,
@@ -166,35 +178,8 @@ impl PyUpdateReport {
             order: report.order,
             exact: report.exact,
             worn_error: column(py, report.worn_error.iter().copied()),
-            worn_poses: worn_poses.collect::<PyResult<_>>()?,
+            worn_poses: worn_poses.collect(),
         })
-    }
-}
-
-/// Where a worn camera was when its view was taken.
-///
-/// Attributes
-/// ----------
-/// who : int
-///     Its number.
-/// pose : (4, 4) float64
-///     T_WF: maps points of F into W, metres.
-/// covariance : (6, 6) float64
-///     Of it over (translation m, rotation rad), right tangent.
-#[pyclass(name = "WornCameraPose", module = "collabslam._core", frozen, get_all)]
-pub(crate) struct PyWornPose {
-    who: usize,
-    pose: Table,
-    covariance: Table,
-}
-
-impl PyWornPose {
-    pub(super) fn new(py: Python<'_>, found: &WornPose) -> Self {
-        Self {
-            who: found.who,
-            pose: to_pose(py, &found.pose),
-            covariance: to_matrix(py, &found.covariance),
-        }
     }
 }
 

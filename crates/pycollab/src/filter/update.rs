@@ -3,9 +3,9 @@
 use super::PyFilter;
 use super::measurements::{PyDepthMeasurement, PyWornMeasurement, bearings};
 use super::report::PyMapRelocalisation;
-use super::report::{PyUpdateReport, PyWornPose};
+use super::report::{PyUpdateReport, to_worn_pose};
 use crate::arrays_in::{Argument, ids, matrix, pixels, pose, rows, same_length, square, vector};
-use crate::arrays_out::to_ids;
+use crate::arrays_out::{Table, to_ids};
 use ekf_core::Measurements;
 use ekf_core::{EkfError, KnownMap, UpdateReport};
 use pyo3::prelude::*;
@@ -79,15 +79,18 @@ impl PyFilter {
     ///
     /// Returns
     /// -------
-    /// WornCameraPose
+    /// pose : (4, 4) float64
+    ///     T_WF: maps points of F into W, metres.
+    /// covariance : (6, 6) float64
+    ///     Of it over (translation m, rotation rad), right tangent.
     ///
     /// Raises
     /// ------
     /// InputError
     ///     Before the start, and what `carry_worn` and `check_worn` say.
-    fn worn_pose(&self, py: Python<'_>, worn: &PyWornMeasurement) -> PyResult<PyWornPose> {
+    fn worn_pose(&self, py: Python<'_>, worn: &PyWornMeasurement) -> PyResult<(Table, Table)> {
         let found = self.read(py, |f| f.worn_pose(&worn.0))?;
-        Ok(PyWornPose::new(py, &found))
+        Ok(to_worn_pose(py, &found))
     }
 
     /// Puts a lost camera where matches with the map say, and forgets what was believed about it.

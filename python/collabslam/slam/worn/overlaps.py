@@ -9,7 +9,7 @@ import numpy as np
 
 from collabslam._core import Filter, MeasurementOutcomes, UpdateReport, WornMeasurement
 from collabslam.frontend.patch import Patch
-from collabslam.results import PlacedCamera
+from collabslam.results import WornPose
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.view import View
 from collabslam.slam.worn.overlap import Overlap
@@ -86,19 +86,18 @@ class Overlaps:
         numbers = {name for name, value in worst.items() if isinstance(value, float)}
         return {name: worst[name] if name in numbers else sum(c[name] for c in told) for name in worst}
 
-    def poses(self, core: Filter, report: UpdateReport, view: View) -> dict[str, PlacedCamera]:
+    def poses(self, core: Filter, report: UpdateReport, view: View) -> dict[str, WornPose]:
         """Where the worn cameras were when the views of this frame were taken, by name."""
         if view.lost or not core.started:
             return {}
-        measured = {pose.who: pose for pose in report.worn_poses}
         matches = {overlap.number: len(overlap.ids) for overlap in self.each}
         out = {}
         for seen in view.worn:
-            found = measured.get(seen.number) or core.worn_pose(seen.observation)
-            out[seen.worn.who] = PlacedCamera(
-                found.pose,
-                found.covariance,
-                seen.number in measured,
+            measured = seen.number in report.worn_poses
+            found = report.worn_poses[seen.number] if measured else core.worn_pose(seen.observation)
+            out[seen.worn.who] = WornPose(
+                *found,
+                measured,
                 seen.taken,
                 matches.get(seen.number, 0),
                 core.worn_clock(who=seen.number),

@@ -8,7 +8,6 @@ use crate::filter::input::sources::Scratch;
 use crate::guard::check_rigid;
 use crate::map_frame::MapFrame;
 use crate::math::pose::Pose;
-use crate::state::BlockKind;
 use nalgebra::{Matrix6, Vector2, Vector3};
 
 impl Filter {
@@ -63,19 +62,7 @@ impl Filter {
         let pose = self.memory.state.camera_pose();
         self.memory.map_frame = MapFrame::by_pose(&pose, &self.pose_covariance()).or_gone(gone);
         self.memory.map_transfer = Default::default();
-        self.memory.state.remove(|b| {
-            !matches!(
-                b.kind,
-                BlockKind::WornBias(_)
-                    | BlockKind::Calibration
-                    | BlockKind::Readout
-                    | BlockKind::WornClock(_)
-                    | BlockKind::OdometryScale
-                    | BlockKind::GyroBias
-                    | BlockKind::GyroFrame
-                    | BlockKind::GyroClock
-            )
-        });
+        self.memory.state.remove(|b| !b.kind.is_of_device());
         self.memory.state.reset_camera(&pose);
         self.memory.followed = Default::default();
         self.memory.records.clear();

@@ -152,19 +152,7 @@ impl Filter {
         self.memory.state.remove(|b| match b.kind {
             BlockKind::Feature => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
-            BlockKind::WornBias(_)
-            | BlockKind::Calibration
-            | BlockKind::Readout
-            | BlockKind::WornClock(_)
-            | BlockKind::OdometryScale
-            | BlockKind::GyroBias
-            | BlockKind::GyroFrame
-            | BlockKind::GyroClock
-            | BlockKind::WornError(_)
-            | BlockKind::WornRoll(_)
-            | BlockKind::Submap(_)
-            | BlockKind::ErrorModes(_)
-            | BlockKind::Auxiliary(_) => false,
+            _ => false,
         });
         for id in &gone {
             self.memory.records.remove(id);

@@ -24,3 +24,10 @@ pub(crate) struct Wheels {
     /// Whether the way, and the turn, that they told are too little beside their noise to say anything of their scales.
     pub(crate) unclear: [bool; 2],
 }
+
+impl Wheels {
+    /// What a slip would add, where it has not been added.
+    pub(crate) fn untaken_slip(&self) -> Option<CameraMatrix> {
+        self.slip.filter(|_| self.trusted.is_none())
+    }
+}

@@ -217,12 +217,7 @@ impl Filter {
         };
         let mut scratch = Scratch::default();
         self.check_measurements(&z, &mut scratch)?;
-        let Some(slip) = self
-            .memory
-            .wheels
-            .slip
-            .filter(|_| self.memory.wheels.trusted.is_none())
-        else {
+        let Some(slip) = self.memory.wheels.untaken_slip() else {
             return Ok(false);
         };
         if found.len() < least {
@@ -252,12 +247,7 @@ impl Filter {
 
     /// Takes the last motion as if the wheels may have slipped: what is in sight is then looked for in a wider place.
     pub fn distrust_odometry(&mut self) {
-        let Some(slip) = self
-            .memory
-            .wheels
-            .slip
-            .filter(|_| self.memory.wheels.trusted.is_none())
-        else {
+        let Some(slip) = self.memory.wheels.untaken_slip() else {
             return;
         };
         self.changes();

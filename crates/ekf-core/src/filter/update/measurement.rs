@@ -7,7 +7,7 @@ use crate::filter::input::measurements::{
 };
 use crate::filter::input::sources::{Scratch, Source, WornForm};
 use crate::observe::block::MeasurementBlock;
-use crate::observe::{ByMotion, PointInCamera, Rows, WornView};
+use crate::observe::{ByMotion, PointInCamera, Rows};
 use crate::state::Block;
 
 /// Largest sd(range)/range with which a known feature is measured as a 3D point; a worse one gives its bearing.
@@ -176,13 +176,10 @@ impl Filter {
             .map_err(|_| MeasurementOutcome::NotVisible)?;
         let camera = self.setup.worn_cameras.get(worn.who);
         let camera = camera.ok_or(MeasurementOutcome::NotVisible)?;
-        let view = WornView {
-            camera,
-            measured: worn.t_cf.clone(),
-            error: self.memory.state.worn_error(worn.who),
-        };
+        let error = self.memory.state.worn_error(worn.who);
         let rows = Rows::worn_pixel(
-            &view,
+            camera,
+            (&worn.t_cf, &error),
             &self.memory.state.camera_pose(),
             &self.memory.state.feature(&landmark),
             &pair.uv_f,
