@@ -1,8 +1,8 @@
 //! The covariance that moves with the estimate: what no camera can see stays unseen.
 
+use crate::filter::update::{Dense, measure, quaternions, units, with_clone};
 use crate::local::Pair;
 use crate::scene::{Scene, name};
-use crate::update::{Dense, measure, quaternions, units, with_clone};
 use ekf_core::gauge::{GAUGES, coordinates, directions};
 use ekf_core::math::quat::Quat;
 use ekf_core::observe::{PointInCamera, Rows};

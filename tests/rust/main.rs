@@ -1,48 +1,68 @@
-//! Tests of `ekf_core` from outside: one binary, one module per subject.
+//! Tests of `ekf_core` from outside: one binary, in the folders of the crate.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 #![allow(clippy::print_stdout, reason = "a test may show its figures")]
 #![allow(clippy::needless_range_loop, reason = "indices stand for units")]
 
-mod at_rest;
-mod births;
-mod cameras;
-mod conditional_prediction;
-mod error_modes;
-mod free_start;
+mod birth {
+    mod at_rest;
+}
+mod camera;
+pub(crate) mod filter {
+    mod births {
+        mod free_start;
+        mod parallax;
+    }
+    pub(crate) mod map {
+        pub(crate) mod map_drift;
+        mod relocalisation;
+        mod restart;
+        mod submap;
+        mod submaps_of_persons;
+        mod upkeep;
+    }
+    mod memory {
+        mod undo;
+    }
+    mod persist {
+        mod snapshot;
+    }
+    mod predict {
+        mod conditional;
+        mod imu;
+        mod odometry;
+        mod shutter;
+        mod turning;
+    }
+    pub(crate) mod update;
+    mod worn {
+        mod bias;
+        mod clock;
+        mod late_views;
+        mod persons;
+        mod roll;
+    }
+}
 mod gauge;
 mod graph;
-mod guards;
-mod gyro;
-mod jacobians;
-mod lasting_errors;
-mod late_views;
+mod guard;
 mod layers;
 mod local;
 mod long_run;
-mod map;
-mod map_drift;
-mod odometry;
+mod math {
+    mod pose;
+}
+mod observe;
 mod overlap;
-mod persons;
-mod poses;
 mod properties;
 mod reference;
-mod relocalise;
-mod restart;
 mod scale;
 mod scene;
-mod shutter;
-mod snapshot;
+mod state {
+    mod error_modes;
+    mod time_correlated;
+}
 mod submap_pnp;
-mod submaps;
-mod submaps_of_persons;
 mod threads;
-mod turning;
-mod undo;
-mod update;
 mod validate;
 mod view_planning;
-mod worn_bias;
-mod worn_clock;
-mod worn_roll;

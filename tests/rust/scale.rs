@@ -1,7 +1,7 @@
 //! The relative standard deviation of the scale.
 
+use crate::filter::update::with_clone;
 use crate::scene::{normal, rng};
-use crate::update::with_clone;
 use ekf_core::{Filter, Settings};
 use nalgebra::{DVector, Matrix3, Matrix6, SMatrix, SymmetricEigen, Vector3};
 

@@ -1,8 +1,8 @@
 //! The time-correlated part of T_CF's error (METHOD 6): between two overlaps it is forgotten, and is as large as before; views tell it,
 //! but for the length of the baseline, which is left alone and leaves the scale alone.
 
+use crate::filter::update::{measure, with_clone};
 use crate::scene::{DT, Scene, adopt, name, normals, rng, settings, worn_covariance};
-use crate::update::{measure, with_clone};
 use ekf_core::Filter;
 use ekf_core::settings::Value;
 use ekf_core::state::{BlockKind, ErrorOwner};

@@ -1,7 +1,7 @@
 //! Where features are expected once others have been found.
 
+use crate::filter::update::measure;
 use crate::scene::{Scene, adopt, settings, warm};
-use crate::update::measure;
 use ekf_core::settings::Value;
 use ekf_core::{Bearing, Measurements};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};

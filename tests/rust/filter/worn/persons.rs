@@ -1,8 +1,8 @@
 //! Several worn cameras in one frame (METHOD 6): each measured given those before it, each with its own error, and what all
 //! have in common of theirs.
 
+use crate::filter::update::measure;
 use crate::scene::{Warm, name, settings, warm};
-use crate::update::measure;
 use ekf_core::settings::Value;
 use ekf_core::state::{BlockKind, ErrorOwner};
 use ekf_core::{Filter, MeasurementOutcome, Measurements, WornObservation};

@@ -1,9 +1,9 @@
 //! What lasts of errors, beside P (METHOD 20): told, and never believed.
 
+use crate::filter::map::map_drift::give_birth;
+use crate::filter::update::{Dense, measure, units};
 use crate::local::Pair;
-use crate::map_drift::give_birth;
 use crate::scene::{Warm, name, warm};
-use crate::update::{Dense, measure, units};
 use ekf_core::settings::Value;
 use ekf_core::state::BlockKind;
 use ekf_core::{Filter, UpdateReport};
