@@ -225,7 +225,7 @@ def open_camera(
     path = Path(source)
     if gyro is not None and not path.exists():
         raise SettingsError(
-            f"The camera {source} is no recording that --gyro and --imu could go with; leave them out, or "
+            f"The camera {source} is not a recording that --gyro and --imu could go with; leave them out, or "
             "take 'collabslam live ros --gyro TOPIC'."
         )
     if source.startswith(ROS_TOPIC):

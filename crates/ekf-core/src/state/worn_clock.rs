@@ -55,7 +55,7 @@ impl ToldOfClock {
         self.weight = all;
     }
 
-    /// The time-correlated error of T_CF is another one from now on: views of before are no measure of it.
+    /// The time-correlated error of T_CF is another one from now on: views of before are not a measure of it.
     pub(crate) fn begin_anew(&mut self) {
         let information = self.information;
         *self = Self {
