@@ -152,7 +152,7 @@ impl Imu {
             .map_or(f64::NEG_INFINITY, |sample| sample.t);
         let in_order = in_order
             && self.last.map_or(self.samples.is_empty(), |t| {
-                last <= t && t.abs() <= guard::LAST_TIME
+                last <= t && t.abs() <= LAST_TIME
             });
         if known && in_order && self.samples.len() <= MOST && check_mount(&self.r_ci).is_ok() {
             return Ok(());
