@@ -39,6 +39,9 @@ ONE_EACH = (
     ("limit", "small-files"),
     ("signal", "term"),
     ("call", "interrupted"),
+    ("live call", "session-none"),
+    ("live folder", "frames-quote"),
+    ("record", "persons-above"),
     ("stream", "dark"),
 )
 

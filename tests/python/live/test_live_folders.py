@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import socket
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from collabslam.live.record import EventWriter
 from collabslam.live.results import ENGINE, LiveResults, written_frames
 from collabslam.live.robot import RobotNode, RobotOptions, check_cameras
 from collabslam.types import Frame, Image
+from collabslam_lab.reliability.attacks.live_folders import DAMAGES
 
 FRAMES = 4
 
@@ -77,58 +77,6 @@ def test_a_run_goes_on(clip: Clip, driven: Path, tmp_path: Path) -> None:
     assert count == 2 * FRAMES
     assert last == clip.frames[2 * FRAMES - 1].t
     assert "session" in columns
-
-
-def appended(name: str, data: bytes) -> Callable[[Path], None]:
-    return lambda out: (out / name).write_bytes((out / name).read_bytes() + data) and None
-
-
-def holding(name: str, data: bytes) -> Callable[[Path], None]:
-    return lambda out: (out / name).write_bytes(data) and None
-
-
-def gone(name: str) -> Callable[[Path], None]:
-    return lambda out: (out / name).unlink()
-
-
-def folder(name: str) -> Callable[[Path], None]:
-    def make(out: Path) -> None:
-        (out / name).unlink()
-        (out / name).mkdir()
-
-    return make
-
-
-def linked(name: str) -> Callable[[Path], None]:
-    def make(out: Path) -> None:
-        (out / name).rename(out.parent / "mine")
-        (out / name).symlink_to(out.parent / "mine")
-
-    return make
-
-
-DAMAGES: dict[str, Callable[[Path], None]] = {
-    "engine-empty": holding(ENGINE, b""),
-    "engine-cut": holding(ENGINE, b"CLABBOX\n" + bytes(30)),
-    "engine-gone": gone(ENGINE),
-    "engine-folder": folder(ENGINE),
-    "frames-gone": gone("frames.csv"),
-    "frames-bytes": appended("frames.csv", b"\xff\xfe\n"),
-    "frames-nul": appended("frames.csv", b"\0\n"),
-    "frames-quote": appended("frames.csv", b'"open\n'),
-    "frames-short": appended("frames.csv", b"1,2,3\n"),
-    "frames-header": holding("frames.csv", b"a,b\n1,2\n"),
-    "frames-words": holding("frames.csv", b"index,t\n0,now\n"),
-    "frames-nan": holding("frames.csv", b"index,t\n0,nan\n"),
-    "frames-line": holding("frames.csv", b"\n"),
-    "frames-folder": folder("frames.csv"),
-    "frames-linked": linked("frames.csv"),
-    "tum-gone": gone("trajectory.tum"),
-    "tum-bytes": appended("trajectory.tum", b"\xff\n"),
-    "tum-linked": linked("trajectory.tum"),
-    "cov-gone": gone("trajectory.cov"),
-    "cov-folder": folder("trajectory.cov"),
-}
 
 
 @pytest.mark.parametrize("name", list(DAMAGES))

@@ -1,6 +1,6 @@
 """What attacks through Python do, in a process of its own; ends with the exit status of the command line.
 
-python -m collabslam_lab.reliability.attacks.child call|stream NAME WALK OUT
+python -m collabslam_lab.reliability.attacks.child call|live|stream NAME WALK OUT
 """
 
 from __future__ import annotations
@@ -50,6 +50,25 @@ def _played(recording: Recording) -> Slam:
     return slam
 
 
+def live(name: str, walk: Path) -> int:
+    """Make a call of LiveSlam, which takes a frame after it as if nothing had been."""
+    from collabslam.live.slam import LiveSlam
+    from collabslam_lab.reliability.attacks.live_calls import WRONG
+
+    recording = open_recording(walk)
+    done: list[object] = []
+    status = OK
+    engine = Slam(recording.camera, recording.worn_camera)
+    with LiveSlam(engine, on_pose=done.append, same_clock=True) as running:
+        try:
+            WRONG[name](running)
+        except CollabslamError as error:
+            print(f"error: {error}", file=sys.stderr)
+            status = BAD_INPUT
+        running.push_robot(recording.frame(0).t, recording.frame(0).image)
+    return status if len(done) == 1 else CHANGED
+
+
 def stream(name: str, walk: Path, out: Path) -> int:
     """Run a recording that is wrong; the exit status is that of ``collabslam run``."""
     from collabslam_lab.reliability.attacks.streams import BY_NAME
@@ -67,7 +86,9 @@ def main(words: list[str]) -> int:
     """Do one of them."""
     kind, name, walk, out = words
     use_one_thread()
-    return call(name, Path(walk)) if kind == "call" else stream(name, Path(walk), Path(out))
+    if kind == "stream":
+        return stream(name, Path(walk), Path(out))
+    return call(name, Path(walk)) if kind == "call" else live(name, Path(walk))
 
 
 if __name__ == "__main__":

@@ -12,9 +12,15 @@ from typing import Any
 from collabslam.datasets import FirstFrames, open_recording, write_recording
 from collabslam.datasets.ros.writer import write_bag
 from collabslam.datasets.source import Source
+from collabslam.formats.trajectory import ARBITRARY
+from collabslam.live.core import LiveCore, RobotFrame
+from collabslam.live.results import LiveResults
 from collabslam.runs.plan import Output
 from collabslam.runs.runner import run
+from collabslam.settings.table import Settings
 from collabslam.simulation import corridor_recording
+from collabslam.slam.engine import Slam
+from collabslam.types import Recording
 from collabslam_lab.reliability.attacks.attack import Deed
 
 SHORT, STOPPED_AT = 8, 4
@@ -35,6 +41,8 @@ class Ground:
         Its first frames.
     finished, stopped : Path
         Result folders of the short one; the second has a checkpoint.
+    driven : Path
+        Result folder of a live run of Cs alone.
     map, bag : Path
     """
 
@@ -48,6 +56,23 @@ class Ground:
         run(opened, out=Output(self.stopped, reopen=Source(self.short)), watch=_stop)
         self.bag = folder / "bag"
         write_bag(opened, self.bag, storage="mcap")
+        self.driven = folder / "driven"
+        _drive(opened, self.driven)
+
+
+def _drive(recording: Recording, out: Path) -> None:
+    """What a live run of Cs alone leaves."""
+    out.mkdir()
+    settings = Settings.default()
+    slam = Slam(recording.camera, mode="mono", start="scale-free", settings=settings)
+    core, results = LiveCore(slam), LiveResults(out, settings, ARBITRARY)
+    for i in range(len(recording)):
+        frame = recording.frame(i)
+        pose = core.handle(RobotFrame(frame.t, frame.image))
+        if pose is not None:
+            results.frame(pose)
+    results.finish(slam, {})
+    results.close()
 
 
 def _stop(frame: Any, *_: object) -> None:
@@ -78,7 +103,7 @@ class Scene:
     def copy(self, name: str) -> Path:
         """A copy of something of the ground that may be damaged."""
         source: Path = getattr(self.ground, name)
-        target = self.out if name in {"stopped", "finished"} else self.folder / source.name
+        target = self.out if name in {"stopped", "finished", "driven"} else self.folder / source.name
         if source.is_dir():
             shutil.copytree(source, target)
         else:

@@ -15,6 +15,7 @@ from collabslam._core import Camera
 from collabslam.geometry import se3_exp
 from collabslam.types import Array, Frame, Image, Indices, Recording, WornView
 from collabslam_lab.reliability.attacks.attack import HELD_OR_TOLD, READ_OR_REFUSED, Attack
+from collabslam_lab.reliability.attacks.physical import PHYSICAL
 from collabslam_lab.reliability.attacks.processed import stabilised, zoom
 from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, Rng
 
@@ -334,6 +335,7 @@ STREAMS: tuple[tuple[str, str, Make], ...] = (
     ("slow-clock", "a clock ten times too slow", _clock(0.1)),
     ("fast-clock", "a clock ten times too fast", _clock(10.0)),
     ("jitter", "stamps off by up to 90 ms", _jitter),
+    *PHYSICAL,
     *((fault.name, fault.what, fault.make) for fault in FAULTS if not fault.stops),
 )  # fmt: skip
 BY_NAME = {name: make for name, _, make in STREAMS}

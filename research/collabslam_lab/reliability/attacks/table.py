@@ -12,8 +12,12 @@ from collabslam.runs.progress import Progress
 from collabslam_lab.reliability.attacks import (
     bags,
     calls,
+    image_bombs,
     image_files,
+    live_calls,
+    live_folders,
     places,
+    records,
     stores,
     streams,
     text_files,
@@ -26,12 +30,16 @@ from collabslam_lab.report import markdown_table
 
 ATTACKS: tuple[Attack, ...] = (
     *image_files.ATTACKS,
+    *image_bombs.ATTACKS,
     *text_files.ATTACKS,
     *bags.ATTACKS,
     *stores.ATTACKS,
     *words.ATTACKS,
     *places.ATTACKS,
     *calls.ATTACKS,
+    *live_calls.ATTACKS,
+    *live_folders.ATTACKS,
+    *records.ATTACKS,
     *streams.ATTACKS,
 )
 

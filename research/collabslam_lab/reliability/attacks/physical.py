@@ -1,0 +1,126 @@
+"""Lies of the world: what sensors, lenses and trackers do while a recording goes on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from collabslam.geometry import se3_exp
+from collabslam.types import Array, Frame, Image, Recording, WornView
+from collabslam_lab.reliability.faults import FaultyRecording, Rng
+
+Make = Callable[[Recording, Rng], Recording]
+
+
+def _views(change: Callable[[int, WornView], WornView]) -> Make:
+    """Views of Cf, changed by the number of their frame."""
+
+    def of_frame(i: int, frame: Frame) -> Frame:
+        return dataclasses.replace(frame, views=tuple(change(i, view) for view in frame.views))
+
+    return lambda recording, _: FaultyRecording(recording, change=of_frame)
+
+
+def _images(change: Callable[[int, Image], Image]) -> Make:
+    """Images of Cs, changed by their number."""
+
+    def of_frame(i: int, frame: Frame) -> Frame:
+        return dataclasses.replace(frame, image=change(i, frame.image))
+
+    return lambda recording, _: FaultyRecording(recording, change=of_frame)
+
+
+def _sure(variance: float) -> Make:
+    return _views(lambda _, view: dataclasses.replace(view, covariance=variance * np.eye(6)))
+
+
+def _scale(factor: Callable[[int], float]) -> Make:
+    def change(i: int, view: WornView) -> WornView:
+        t_cf: Array = view.t_cf.copy()
+        t_cf[:3, 3] *= factor(i)
+        return dataclasses.replace(view, t_cf=t_cf)
+
+    return _views(change)
+
+
+def _turning(degrees: float) -> Make:
+    """T_CF turned by so much more in each frame, as by an AHRS whose gyroscope is biased."""
+
+    def change(i: int, view: WornView) -> WornView:
+        turn = se3_exp([0.0, 0.0, 0.0, 0.0, np.deg2rad(degrees) * i, 0.0])
+        return dataclasses.replace(view, t_cf=view.t_cf @ turn)
+
+    return _views(change)
+
+
+def _swaying(pixels: float, period: float) -> Make:
+    """The whole picture moves to and fro, as an optical stabilisation moves the lens."""
+
+    def change(i: int, image: Image) -> Image:
+        shift = pixels * np.array([np.sin(2 * np.pi * i / period), np.cos(2 * np.pi * i / (1.3 * period))])
+        matrix = np.hstack([np.eye(2), shift[:, None]])
+        size = image.shape[1], image.shape[0]
+        return np.asarray(cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REFLECT), np.uint8)
+
+    return _images(change)
+
+
+def _banded(i: int, image: Image) -> Image:
+    """Light that flickers, read row by row."""
+    rows = np.arange(len(image))[:, None]
+    lit = np.clip(image * (1.0 + 0.25 * np.sin(0.05 * rows + 1.7 * i)), 0, 255)
+    return np.asarray(lit, np.uint8)
+
+
+def _dirty(_: int, image: Image) -> Image:
+    """Drops on the lens: twelve soft grey blobs that never move."""
+    rng, out = np.random.default_rng(3), image.astype(np.float32)
+    rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
+    for _ in range(12):
+        v, u = rng.uniform(0, image.shape)
+        weight = np.exp(-((rows - v) ** 2 + (columns - u) ** 2) / (2 * rng.uniform(12, 30) ** 2))
+        out += 0.8 * weight * (128.0 - out)
+    return np.clip(out, 0, 255).astype(np.uint8)
+
+
+def _raining(i: int, image: Image) -> Image:
+    """Bright streaks elsewhere in each frame."""
+    rng, out = np.random.default_rng(i), image.copy()
+    for _ in range(150):
+        u, v = int(rng.integers(image.shape[1])), int(rng.integers(image.shape[0]))
+        cv2.line(out, (u, v), (u + 3, v + 18), 220, 1)
+    return out
+
+
+def _smeared(i: int, image: Image) -> Image:
+    """Every third frame blurred along its rows, as by a pothole."""
+    return image if i % 3 else np.asarray(cv2.blur(image, (21, 1)), np.uint8)
+
+
+def _hot(_: int, image: Image) -> Image:
+    """Two hundred pixels that are always white."""
+    out: Image = image.copy()
+    out.ravel()[np.random.default_rng(2).integers(0, image.size, 200)] = 255
+    return out
+
+
+PHYSICAL: tuple[tuple[str, str, Make], ...] = (
+    ("t-cf-placeholder", "T_CF whose covariance is a placeholder of 1e-9", _sure(1e-9)),
+    ("t-cf-exact", "T_CF whose covariance is 1e-14", _sure(1e-14)),
+    ("t-cf-scale-jump", "T_CF 30 % longer from the 40th frame on", _scale(lambda i: 1.3 if i >= 40 else 1.0)),
+    ("t-cf-scale-step", "T_CF 5 % longer from the 40th frame on", _scale(lambda i: 1.05 if i >= 40 else 1.0)),
+    ("t-cf-scale-creep", "T_CF longer by 0.1 % a frame", _scale(lambda i: 1.001**i)),
+    ("t-cf-scale-fall", "T_CF shorter by 0.3 % a frame", _scale(lambda i: 0.997**i)),
+    ("t-cf-turning", "T_CF turned by 0.1 degrees more in each frame", _turning(0.1)),
+    ("sway-5", "a picture that sways by 5 px", _swaying(5.0, 9.0)),
+    ("sway-10", "a picture that sways by 10 px", _swaying(10.0, 14.0)),
+    ("sway-15", "a picture that sways by 15 px", _swaying(15.0, 23.0)),
+    ("banding", "light that flickers by 25 %, read row by row", _images(_banded)),
+    ("drops", "twelve drops on the lens", _images(_dirty)),
+    ("rain", "rain: 150 bright streaks, elsewhere in each frame", _images(_raining)),
+    ("potholes", "every third frame blurred over 21 px", _images(_smeared)),
+    ("hot-pixels", "two hundred pixels that are always white", _images(_hot)),
+)
