@@ -172,6 +172,13 @@ class WornSettings:
 
 
 @dataclass(frozen=True)
+class GyroSettings:
+    """A gyroscope beside the images (METHOD section 28)."""
+
+    follow: bool = _flag(True, "Let the camera turn as it says.")
+
+
+@dataclass(frozen=True)
 class TargetSettings:
     """The start from a known target (METHOD section 10)."""
 
@@ -198,6 +205,7 @@ class FrontendSettings:
     search: SearchSettings = field(default_factory=SearchSettings)
     flow: FlowSettings = field(default_factory=FlowSettings)
     worn: WornSettings = field(default_factory=WornSettings)
+    gyro: GyroSettings = field(default_factory=GyroSettings)
     target: TargetSettings = field(default_factory=TargetSettings)
 
     def changed(self, key: str, value: Any) -> FrontendSettings | None:

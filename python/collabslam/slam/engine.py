@@ -100,6 +100,8 @@ class Slam:
             core.set_odometry_frame(t_bc)
         if imu is not None:
             core.set_imu(imu.r_ci, imu.time_offset)
+            if not settings.frontend.gyro.follow:
+                core.drop_gyro()
         metric = start != "scale-free" if map is None else map.metric
         known = target if isinstance(target, Target) else None
         self._use(Parts(core, camera, named, settings, start, metric=metric, target=known))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from collabslam import Camera, Imu, InputError, Settings, SettingsError, Slam
+from collabslam.settings.table import switches
 
 CAMERA = Camera("pinhole", 640, 480, (420.0, 420.0, 320.0, 240.0), [])
 
@@ -46,3 +47,11 @@ def test_without_an_imu_rates_are_refused() -> None:
     with pytest.raises(InputError, match="made without one"):
         slam.add_gyro(0.0, [0.1, 0.2, 0.3])
     assert slam.filter.gyro_bias is None
+
+
+def test_the_lab_may_leave_it_aside() -> None:
+    settings = Settings.default().changed({"frontend.gyro.follow": False}, switches())
+    slam = Slam(CAMERA, start="scale-free", mode="mono", settings=settings, imu=Imu())
+    slam.add_gyro(0.0, [0.1, 0.2, 0.3])
+    assert slam.filter.follows_gyro is False
+    assert Slam(CAMERA, start="scale-free", mode="mono", imu=Imu()).filter.follows_gyro is True
