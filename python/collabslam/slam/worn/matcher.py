@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -28,6 +29,11 @@ _BY_MAP = 10.0
 _MIN_KNOWN = 0.2
 """Least share of the map's points matched in Cf, relative to that of new points; where new ones match and
 those of the map do not, T_CF contradicts the map and the view is not used."""
+SUREST = 1e-4
+"""Metres and radians: no sensor tells T_CF surer than that in any direction, but drivers write such
+placeholders where they know nothing."""
+FLOOR = 1e-3
+"""What is taken in place of one: the standard deviation of a good sensor, metres and radians."""
 MIN_POINTS = 5
 """Points tried, and matched, from which on shares of them mean something."""
 
@@ -60,6 +66,7 @@ class WornMatcher:
         self._filter = core
         self._camera = camera
         self._worn_cameras = worn_cameras
+        self._told = False
         self._numbers = {name: number for number, name in enumerate(worn_cameras)}
         self._settings = settings
         mode = settings.filter.estimator.mode
@@ -104,7 +111,22 @@ class WornMatcher:
             ) from error
         if worn.t is not None and not abs(worn.t) <= LAST_TIME:
             raise InputError(f"the worn view's time is {worn.t}; give seconds, by the clock of Cs's stamps.")
-        return replace(worn, image=image)
+        return replace(worn, image=image, covariance=self._floored(worn.covariance))
+
+    def _floored(self, covariance: Array) -> Array:
+        """The covariance of T_CF; with a floor where it is surer than any sensor, which is told once."""
+        parts = (covariance[:3, :3], covariance[3:, 3:])
+        surest = min(float(np.linalg.eigvalsh(part)[0]) for part in parts)
+        if surest > SUREST**2:
+            return covariance
+        if not self._told:
+            self._told = True
+            warnings.warn(
+                f"T_CF is stated surer than any sensor (a deviation of {max(surest, 0.0) ** 0.5:.1e} "
+                f"m or rad): {FLOOR} m and rad are added; state what it errs by.",
+                stacklevel=2,
+            )
+        return covariance + FLOOR**2 * np.eye(6)
 
     def hidden(self, worn: WornView | None) -> Hidden | None:
         """Which pixels of Cs show whoever wears Cf; None where that is nobody, or nobody knows."""
