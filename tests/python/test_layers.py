@@ -56,6 +56,7 @@ ALLOWED: dict[str, set[str]] = {
         "live",
         "viz",
         "checks",
+        "simulation",
         "demo",
     },
     "__main__": {"cli"},

@@ -249,7 +249,7 @@ def _bytes(text: str) -> bytes:
 
 
 def _silent() -> logging.Logger:
-    """Strangers who speak no HTTP, or break off, are no news."""
+    """Strangers who speak no HTTP, or break off, are not news."""
     logger = logging.getLogger("collabslam.live.web")
     logger.addHandler(logging.NullHandler())
     logger.propagate = False
