@@ -24,7 +24,7 @@ from helpers.sensed_person import write_sensor_bag
 from helpers.waiting import LONGEST
 
 import collabslam
-from collabslam import Board, demo
+from collabslam import Board
 from collabslam import geometry as g
 from collabslam.cli import COMMANDS
 from collabslam.cli import main as cli
@@ -159,7 +159,8 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in that folder; the demo is a short one."""
     monkeypatch.chdir(place)
-    monkeypatch.setattr(demo, "demo_recording", lambda seed: Short(clip, FRAMES))
+    for module in ("collabslam.demo", "collabslam.simulation.recording"):
+        monkeypatch.setattr(f"{module}.demo_recording", lambda seed: Short(clip, FRAMES))
     monkeypatch.setattr(evaluate, "run_items", lambda items, **_: [])
     monkeypatch.setattr(evaluate.descriptors, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(evaluate.blackout, "measure_all", lambda *_: ([], []))
@@ -179,7 +180,12 @@ def play(words: list[str], folder: Path) -> None:
             _, said = process.communicate(timeout=LONGEST)
             assert process.returncode == 0, said
     elif name in COMMAND_LINES:
-        for option in ("--out", "--record", "--animation"):  # runs of one page do not stand in another's way
+        for option in (
+            "--out",
+            "--record",
+            "--recording",
+            "--animation",
+        ):  # runs of one page do not stand in another's way
             if option in rest and "results" not in rest[rest.index(option) + 1]:
                 shutil.rmtree(folder / rest[rest.index(option) + 1], ignore_errors=True)
         try:
