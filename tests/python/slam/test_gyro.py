@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from collabslam import Camera, Imu, InputError, Settings, SettingsError, Slam
+from collabslam import Camera, Imu, InputError, Settings, SettingsError, Slam, Status
+from collabslam.geometry import pose_inverse
 from collabslam.settings.table import switches
+from collabslam.simulation.gyro import KINDS, simulated_gyro
+from collabslam_lab.worlds import world_recording
 
 CAMERA = Camera("pinhole", 640, 480, (420.0, 420.0, 320.0, 240.0), [])
 
@@ -55,3 +58,25 @@ def test_the_lab_may_leave_it_aside() -> None:
     slam.add_gyro(0.0, [0.1, 0.2, 0.3])
     assert slam.filter.follows_gyro is False
     assert Slam(CAMERA, start="scale-free", mode="mono", imu=Imu()).filter.follows_gyro is True
+
+
+@pytest.mark.slow
+def test_a_sensor_that_turns_the_other_way_is_named_and_left_aside() -> None:
+    world = world_recording("turn180-2-life")
+    log = simulated_gyro(world.robot, world.times, KINDS["phone"], np.random.default_rng(1)).log
+    slam = Slam(world.camera, world.worn_camera, mode="collab-tight", imu=log.sensor)
+    origin, given, causes, wrong = pose_inverse(world.truth[0]), 0, [], 0
+    for i in range(35):
+        frame = world.frame(i)
+        while log.times[given] <= frame.t + 0.03:
+            slam.add_gyro(log.times[given], -log.rates[given])
+            given += 1
+        result = slam.step(frame.t, frame.image, frame.views)
+        causes.append(result.diagnostics["degraded_by"])
+        off = (pose_inverse(result.pose) @ origin @ world.truth[i])[:3, 3]
+        excess = off @ np.linalg.pinv(result.covariance[:3, :3]) @ off
+        wrong += result.status is Status.OK and i > 0 and excess > 25.0
+    assert result.gyro is not None
+    assert not result.gyro.followed
+    assert causes.count("gyro") >= 10
+    assert wrong <= 2
