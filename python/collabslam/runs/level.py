@@ -130,7 +130,7 @@ def parse_world(text: str) -> Level | None:
 
 class _Interval(NamedTuple):
     """What was measured from frame ``k`` to the next: the mean specific force along the axes of W, m/s^2, how
-    long, seconds, the variance of W's attitude that the frame claims, rad^2 about an axis, and whether the
+    long, seconds, the variance of up that the frame's attitude claims, rad^2 about an axis, and whether the
     sensor may have rested."""
 
     k: int
@@ -201,8 +201,10 @@ def _intervals(record: RunRecord, log: ImuLog) -> Iterator[_Interval]:
         restless = float(forces[near].std(axis=0).max()), float(rates[near].std(axis=0).max())
         still = restless[0] < REST[0] and restless[1] < REST[1]
         still = still and abs(float(np.linalg.norm(mean)) - G) < NO_GRAVITY
-        drift = float(np.trace(record.covariances[k, 3:, 3:])) / 3.0
-        yield _Interval(k, turn @ mean, float(times[k + 1] - times[k]), drift, still)
+        force, spread = turn @ mean, record.covariances[k, 3:, 3:]
+        up = poses[k, :3, :3].T @ force / np.linalg.norm(force)
+        drift = 0.5 * float(np.trace(spread) - up @ spread @ up)  # a turn about up leaves it where it is
+        yield _Interval(k, force, float(times[k + 1] - times[k]), drift, still)
 
 
 def _velocity_change(record: RunRecord, used: list[_Interval]) -> tuple[Array, int]:
