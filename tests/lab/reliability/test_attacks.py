@@ -29,6 +29,7 @@ ONE_EACH = (
     ("list", "repeated"),
     ("relative pose", "negative"),
     ("truth", "far"),
+    ("gyroscope", "set-back"),
     ("settings", "object"),
     ("bag", "encoding"),
     ("checkpoint", "victim"),

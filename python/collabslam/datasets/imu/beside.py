@@ -23,6 +23,8 @@ from collabslam.types import Array, ImuLog
 FOLDER = "imu0"
 """Where EuRoC's layout and our own have it, beside ``cam0``."""
 NONE = "none"
+LEAST_COVERED = 0.05
+"""Share of the frames in the time of the samples below which they are of another time, or in another unit."""
 _NO_GYRO = "--gyro none leaves the gyroscope out"
 
 
@@ -196,15 +198,17 @@ def _checked(
     spans = []
     for stamps in clocks:
         on_frames = stamps[np.isfinite(stamps)] + sensor.time_offset
-        if on_frames.size and on_frames.min() < times[-1] and on_frames.max() > times[0]:
-            within = (times >= on_frames.min()) & (times <= on_frames.max())
+        if not on_frames.size:
+            continue
+        within = (times >= on_frames.min()) & (times <= on_frames.max())
+        if within.mean() >= LEAST_COVERED:
             if not within.all():
                 tell("gyroscope", f"covers {int(within.sum())} of {len(times)} frames", where)
             return checked(stamps, table.rates, table.accelerations, sensor, where)
-        if on_frames.size:
-            spans.append(f"{on_frames.min():.3f} to {on_frames.max():.3f} s")
+        spans.append(f"{on_frames.min():.3f} to {on_frames.max():.3f} s")
     raise DataError(
         f"The samples of {where} ({'; '.join(spans) or 'none'}) and the frames ({times[0]:.3f} to "
-        f"{times[-1]:.3f} s) share no time; put both on one clock, or tell timeshift_cam_imu in --imu. "
+        f"{times[-1]:.3f} s) share no time, or next to none; put both on one clock, in seconds, or tell "
+        "timeshift_cam_imu in --imu. "
         f"{_NO_GYRO}."
     )

@@ -18,6 +18,8 @@ FASTEST, FAST = 35.0, 5.0
 them may not: what turns faster than that for half of the time is not a camera, and its unit is degrees."""
 IMPOSSIBLE = 70.0
 """rad/s about an axis that no sensor measures."""
+FEW = 0.05
+"""Share of such samples that are errors of transmission; more of them are in another unit."""
 FULL_SCALE = 2.0
 """rad/s (115 degrees/s) below which a value that repeats at the limit of an axis is not clipping."""
 STUCK = 1.0
@@ -63,8 +65,8 @@ def checked(times: Array, rates: Array, accelerations: Array | None, sensor: Imu
     if len(kept) < 2:
         raise DataError(f"{where} holds {len(kept)} samples of a gyroscope; give two or more, or {_NO_GYRO}.")
     step = _check_rate(times[kept], where)
-    _check_unit(rates[kept], where)
     possible = np.abs(rates[kept]).max(axis=1) <= IMPOSSIBLE
+    _check_unit(rates[kept][possible] if possible.mean() > 1.0 - FEW else rates[kept], where)
     stuck = possible & (_stuck(times[kept], rates[kept]) | _clipped(rates[kept]))
     counts = {
         "not finite": total - int(finite.sum()),

@@ -12,6 +12,7 @@ from collabslam.runs.progress import Progress
 from collabslam_lab.reliability.attacks import (
     bags,
     calls,
+    gyroscope,
     image_bombs,
     image_files,
     live_calls,
@@ -32,6 +33,7 @@ ATTACKS: tuple[Attack, ...] = (
     *image_files.ATTACKS,
     *image_bombs.ATTACKS,
     *text_files.ATTACKS,
+    *gyroscope.ATTACKS,
     *bags.ATTACKS,
     *stores.ATTACKS,
     *words.ATTACKS,
