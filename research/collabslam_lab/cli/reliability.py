@@ -15,8 +15,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         nargs="*",
         default="all",
-        choices=["attacks", "faults", "readers", "core", "endurance", "kills", "all"],
-        help="attacks, faults, readers (of files), core, endurance, kills or all (the default)",
+        choices=["attacks", "faults", "readers", "live", "core", "endurance", "kills", "all"],
+        help="attacks, faults, readers (of files), live (messages), core, endurance, kills or all (default)",
     )
     parser.add_argument(
         "--out",

@@ -15,11 +15,12 @@ from collabslam.runs.results import write_summary
 from collabslam_lab.reliability.attacks.table import attacks_markdown, measure_attacks
 from collabslam_lab.reliability.endurance import endure_session, many_dropped
 from collabslam_lab.reliability.kills import run_kills
-from collabslam_lab.reliability.readers import fuzz_readers
+from collabslam_lab.reliability.live_inputs import fuzz_live
+from collabslam_lab.reliability.readers import ReaderFindings, fuzz_readers
 from collabslam_lab.reliability.table import faults_markdown, measure_faults
 from collabslam_lab.report import markdown_table
 
-PARTS = ("attacks", "faults", "readers", "core", "endurance", "kills")
+PARTS = ("attacks", "faults", "readers", "live", "core", "endurance", "kills")
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class Amounts:
     ----------
     seeds : int
         Seeds of each fault.
-    core_inputs, reader_inputs : int
-        Inputs to the core's targets and to the readers of files.
+    core_inputs, reader_inputs, live_inputs : int
+        Inputs to the core's targets, to the readers of files, and messages of devices and of pages each.
     steps : int
         Steps of a filter alone.
     session_s : float
@@ -43,13 +44,14 @@ class Amounts:
     seeds: int
     core_inputs: int
     reader_inputs: int
+    live_inputs: int
     steps: int
     session_s: float
     kills: int
 
 
-SHORT = Amounts(1, 20_000, 2_000, 20_000, 60.0, 3)
-FULL = Amounts(5, 10_000_000, 200_000, 1_000_000, 3600.0, 50)
+SHORT = Amounts(1, 20_000, 2_000, 10_000, 20_000, 60.0, 3)
+FULL = Amounts(5, 10_000_000, 200_000, 500_000, 1_000_000, 3600.0, 50)
 
 
 def measure(
@@ -125,6 +127,8 @@ def _measured(
         yield _faults(amounts, seed)
     elif part == "readers":
         yield {"fuzz_readers": _readers(amounts, seed)}
+    elif part == "live":
+        yield {"fuzz_live": _told(fuzz_live(amounts.live_inputs, seed))}
     elif part == "core":
         yield {"fuzz_core": _core(amounts, seed, driver)}
     elif part == "kills":
@@ -138,7 +142,7 @@ def _measured(
 
 def _totals(results: dict[str, Any]) -> dict[str, Any]:
     """What follows from the parts that are there."""
-    fuzzed = [results[key] for key in ("fuzz_readers", "fuzz_core") if key in results]
+    fuzzed = [results[key] for key in ("fuzz_readers", "fuzz_live", "fuzz_core") if key in results]
     totals = {f"fuzz_{key}": sum(part[key] for part in fuzzed) for key in ("executions", "findings")}
     session, alone = results.get("session"), results.get("filter_alone")
     growth = [results["engines_growth_mb"]] if "engines_growth_mb" in results else []
@@ -171,7 +175,10 @@ def _faults(amounts: Amounts, seed: int) -> dict[str, Any]:
 
 
 def _readers(amounts: Amounts, seed: int) -> dict[str, int]:
-    found = fuzz_readers(amounts.reader_inputs, seed)
+    return _told(fuzz_readers(amounts.reader_inputs, seed))
+
+
+def _told(found: ReaderFindings) -> dict[str, int]:
     for finding in found.findings:
         print(finding)
     return {"executions": found.executions, "findings": len(found.findings)}
@@ -200,6 +207,7 @@ def figures_markdown(results: dict[str, Any]) -> str:
     """The figures beside the faults, as a table."""
     session, alone = results.get("session", {}), results.get("filter_alone", {})
     readers, core = results.get("fuzz_readers", {}), results.get("fuzz_core", {})
+    live = results.get("fuzz_live", {})
     rows = [
         ("attacks", results.get("attacks_made")),
         ("attacks that succeeded", results.get("attacks_succeeded")),
@@ -209,6 +217,8 @@ def figures_markdown(results: dict[str, Any]) -> str:
         ("promises broken by them", core.get("findings")),
         ("damaged files", readers.get("executions")),
         ("promises broken by them", readers.get("findings")),
+        ("messages of devices and pages", live.get("executions")),
+        ("promises broken by them", live.get("findings")),
         ("steps of a filter alone", results.get("endurance_steps")),
         ("its time a step, last tenth over second", alone.get("step_time_ratio")),
         ("frames of one session", session.get("frames")),

@@ -83,12 +83,13 @@ def _dirty(_: int, image: Image) -> Image:
         v, u = rng.uniform(0, image.shape)
         weight = np.exp(-((rows - v) ** 2 + (columns - u) ** 2) / (2 * rng.uniform(12, 30) ** 2))
         out += 0.8 * weight * (128.0 - out)
-    return np.clip(out, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(out, 0, 255), np.uint8)
 
 
 def _raining(i: int, image: Image) -> Image:
     """Bright streaks elsewhere in each frame."""
-    rng, out = np.random.default_rng(i), image.copy()
+    rng = np.random.default_rng(i)
+    out: Image = image.copy()
     for _ in range(150):
         u, v = int(rng.integers(image.shape[1])), int(rng.integers(image.shape[0]))
         cv2.line(out, (u, v), (u + 3, v + 18), 220, 1)
