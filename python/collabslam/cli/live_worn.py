@@ -47,6 +47,7 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.live.cameras import RecordingPlayback, open_camera
     from collabslam.live.monotonic_clock import MonotonicClock
     from collabslam.live.sending import send_all, send_sensors
+    from collabslam.live.status_line import StatusLine
     from collabslam.live.worn import WornDevice
 
     keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
@@ -59,9 +60,10 @@ def main(arguments: argparse.Namespace) -> int:
         camera.clock = MonotonicClock()
         camera.play(name)
         calibration = camera.recording.worn_camera or calibration
+    line = StatusLine()
     with (
         link.open_device(address, keys) as session,
-        WornDevice(session, name, calibration, camera.clock) as device,
+        WornDevice(session, name, calibration, camera.clock, line.show) as device,
     ):
         if not device.wait_for_robot(PATIENCE):
             _say(
@@ -77,6 +79,7 @@ def main(arguments: argparse.Namespace) -> int:
             time.sleep(0.2)
         except KeyboardInterrupt:
             pass
+        line.end()
         _say(f"{device.sent} images sent")
     return OK
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from collabslam._core import Camera
 from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.errors import CollabslamError, DataError, SettingsError
@@ -25,6 +27,7 @@ from collabslam.live.printed import make_slam
 from collabslam.live.record import EventWriter
 from collabslam.live.results import ENGINE, LiveResults
 from collabslam.live.slam import LiveSlam
+from collabslam.live.status_line import StatusLine
 from collabslam.live.uplink import Uplink
 from collabslam.runs.folder import claim, locked
 from collabslam.settings.table import Settings
@@ -95,6 +98,7 @@ class RobotNode:
         self._zenoh, self._camera, self._options = session, camera, options
         self._live: LiveSlam | None = None
         self._unwritten: dict[str, DataError] = {}
+        self._line = StatusLine()
         sensors = options.sensors
         self.uplink = Uplink(
             self._push,
@@ -159,6 +163,7 @@ class RobotNode:
             clock = self._zenoh.declare_queryable(names.CLOCK, self._tell_time)
             stack.callback(clock.undeclare)
             error, interrupted = self._drive(live)
+            self._line.end()
             facts = {**self._counts(), "interrupted": interrupted, "folder": str(folder)}
             error = error or next(iter(self._unwritten.values()), None)
             try:
@@ -200,6 +205,7 @@ class RobotNode:
         views = {} if self._live is None else self._live.views
         devices = {name: merged(of, views.get(name, {})) for name, of in self.uplink.reports().items()}
         self._downlink.frame(pose, slam, facts, devices)
+        self._line.show(status_text(pose, results.frames, facts, devices))
         self._keep("results", lambda: results.frame(pose))
         self._keep("checkpoint", lambda: results.checkpoint(slam))
 
@@ -249,6 +255,19 @@ class RobotNode:
         asked = _mode(options), options.start, options.settings.values
         plan = LivePlan(*asked, tags, boards, t_bc, persons, imu_state(self._camera.imu))
         return EventWriter(options.record, plan, self._camera.camera, worn)
+
+
+def status_text(
+    pose: LivePose, frames: int, facts: Mapping[str, Any], devices: Mapping[str, Mapping[str, float]]
+) -> str:
+    """How a live run goes, in a line."""
+    step = pose.step
+    sd = float(np.sqrt(max(np.trace(step.covariance[:3, :3]), 0.0)))
+    where = f"position to {sd:.3f} {'m' if step.metric else 'units'}" if step.valid else "no pose yet"
+    ages = [f"{name} {of['age_median_ms']:.0f} ms" for name, of in devices.items() if "age_median_ms" in of]
+    dropped = sum(int(n) for what, n in facts.items() if what.startswith("dropped "))
+    images = f", images of {', '.join(ages)} old" if ages else ""
+    return f"frame {frames}: {step.status.value}, {pose.link}, {where}{images}, {dropped} dropped"
 
 
 def merged(report: Mapping[str, float], counts: Mapping[str, int]) -> dict[str, float]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.live import link, messages, names
+from collabslam.live.advice import OwnImages
 from collabslam.live.clock import ClockEstimator, Exchange
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.pace import Encoder, Pace, Transport
@@ -37,9 +39,19 @@ class WornDevice:
         Calibration of Cf.
     clock : MonotonicClock
         By which views are stamped.
+    tell : callable, optional
+        Is given a line of what becomes of the images, again and again.
     """
 
-    def __init__(self, session: Any, name: str, camera: Camera, clock: MonotonicClock) -> None:
+    def __init__(
+        self,
+        session: Any,
+        name: str,
+        camera: Camera,
+        clock: MonotonicClock,
+        tell: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self._tell, self._own = tell, OwnImages()
         self.pace, self.transport = Pace(), Transport()
         self.robot_clock = ClockEstimator()
         self.sent = 0
@@ -147,6 +159,8 @@ class WornDevice:
                 self.robot_clock.add(exchange)
                 self._out[names.EXCHANGE].put(messages.exchange(self.session, exchange))
                 self._known.set()
+            else:
+                self._tell(f"{self.sent} images sent. No robot answers.")
             asked += 1
             self._ended.wait(ASK_FIRST if asked < SOON else ASK_EVERY)
 
@@ -170,6 +184,7 @@ class WornDevice:
             own = messages.status_from(payload).get(self._name)
             if own is not None:
                 images = float(own["images"])
+                self._tell(f"{self.sent} images sent. {self._own.report(own)[0]}")
                 self.transport.report(self._clock.now(), self.sent, int(images))
                 if "age_median_ms" in own:
                     self.pace.report(float(own["age_median_ms"]) / 1e3, images)
