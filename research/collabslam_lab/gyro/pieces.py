@@ -69,7 +69,7 @@ class Score:
     dropped : float
         1 if the gyroscope was dropped.
     ms_predict, us_sample : float
-        Milliseconds of a frame's prediction, microseconds of taking a sample.
+        Median milliseconds of a frame's prediction, microseconds of taking a sample.
     """
 
     end_pct: float
@@ -132,7 +132,7 @@ def ran(piece: Piece) -> str:
     path = float(summary["path_length_m"])
     score = Score(
         end_pct=100.0 * float(summary["final_position_error_m"]) / path,
-        heading_deg=float(summary["heading_error_final_deg"]),
+        heading_deg=abs(float(summary["heading_error_final_deg"])),
         mean_pct=100.0 * float(summary["avg_position_error_all_m"]) / path,
         ok=float(summary["ok_share"]),
         false_ok=float(summary["false_ok_share"]),
@@ -141,7 +141,7 @@ def ran(piece: Piece) -> str:
         nees=float(summary["nees_mean"] or np.nan),
         bias_inside=float(np.mean(watch.inside)) if watch.inside else np.nan,
         dropped=float(watch.dropped),
-        ms_predict=float(np.mean(record.diagnostic("ms_predict"))),
+        ms_predict=float(np.median(record.diagnostic("ms_predict"))),
         us_sample=1e6 * slam.seconds / max(slam.samples, 1),
     )
     return json.dumps(asdict(score))

@@ -49,7 +49,9 @@ def test_a_sensor_errs_by_what_it_says():
 def test_the_summary_is_of_the_runs_that_it_names():
     groups = worlds_of(quick=True)
     base = Score(9.0, 9.0, 1.0, 0.9, 0.3, 1.0, 0.0, 6.0, np.nan, 0.0, 3.0, 0.0)
-    told = replace(base, end_pct=2.0, heading_deg=1.5, false_ok=0.01, bias_inside=0.99, ms_predict=3.2)
+    told = replace(
+        base, end_pct=2.0, heading_deg=1.5, false_ok=0.01, bias_inside=0.99, ms_predict=3.2, us_sample=5.0
+    )
     rows = [
         (Piece(world, seed, mode, kind, None), told if kind and mode == "collab-tight" else base)
         for worlds in groups.values()
@@ -64,7 +66,7 @@ def test_the_summary_is_of_the_runs_that_it_names():
     assert (numbers["heading_deg_mean"], numbers["heading_deg_worst"]) == (1.5, 1.5)
     shares = numbers["false_ok_share"], numbers["bias_within_3_sigma"]
     np.testing.assert_allclose(shares, (0.01, 0.99))
-    np.testing.assert_allclose(numbers["ms_per_frame"], 0.2)
+    np.testing.assert_allclose(numbers["ms_per_frame"], 0.2 + 20 * 0.005)
     assert len(numbers["runs"]) == len(rows)
     lines = table(groups, rows).splitlines()
     assert len(lines) == 2 + 3 * 4
