@@ -110,7 +110,7 @@ def test_a_robot_plays_a_recordings_gyroscope(clip: Clip, tmp_path: Path) -> Non
 
 def test_what_is_given_beside_a_camera(clip: Clip, tmp_path: Path) -> None:
     assert RecordingPlayback(Turned(clip, None)).imu is None
-    with pytest.raises(SettingsError, match="no recording that --gyro and --imu could go with"):
+    with pytest.raises(SettingsError, match="recording that --gyro and --imu could go with"):
         open_camera("ros:/cs", None, gyro=GyroGiven("/imu"))
 
 
