@@ -49,7 +49,7 @@ def go(trajectories: Sequence[Trajectory], folder: Path, *, jobs: int, engine: E
         _parsed,
         lambda trajectory, done: f"{trajectory.recipe.name}, {done.loops} loops",
         "loops",
-        "trajectory",
+        "run",
     )
     return kept(task, trajectories, folder, jobs=jobs, engine=engine, progress=True)
 

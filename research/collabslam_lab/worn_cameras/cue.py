@@ -89,7 +89,7 @@ def make(*, seed: int, jobs: int, engine: Engine, quick: bool) -> Finding:
 
 
 def _walked(count: int, frames: int, seed: int, jobs: int, engine: Engine) -> Trajectories:
-    with Progress(count, "where to look", unit="trajectory") as bar:
+    with Progress(count, "where to look", unit="run") as bar:
         return engine.in_order(
             plan_along, [(trajectory, frames, seed) for trajectory in range(count)], jobs, bar.update
         )

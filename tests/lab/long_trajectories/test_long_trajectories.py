@@ -98,7 +98,7 @@ def test_what_came_of_a_way_is_kept(tmp_path: Path, capsys: pytest.CaptureFixtur
     (kept,) = tmp_path.iterdir()
     assert (first.name, len(first.ms), first.trajectory.shape) == ("ring", 4, (4, 3))
     (again,) = go([trajectory], tmp_path, jobs=1, engine=LOCAL)
-    assert "1 of 1 trajectories are there already" in capsys.readouterr().out
+    assert "1 of 1 runs are there already" in capsys.readouterr().out
     for field in dataclasses.fields(first):
         np.testing.assert_array_equal(getattr(again, field.name), getattr(first, field.name))
     kept.write_text("[1, 2")
