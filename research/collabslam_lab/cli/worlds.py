@@ -40,7 +40,7 @@ def main(arguments: argparse.Namespace) -> int:
     world = world_recording(arguments.name, arguments.seed)
     if arguments.bag is not None:
         return _write_bag(world, arguments)
-    return write_folder(world, arguments)
+    return write_folder(world, arguments.out, overwrite=arguments.overwrite)
 
 
 def _write_bag(world: WorldRecording, arguments: argparse.Namespace) -> int:

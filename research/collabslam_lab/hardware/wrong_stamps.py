@@ -11,7 +11,7 @@ from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
 from collabslam.geometry import pose_inverse
 from collabslam.simulation import SimulatedRecording, corridor_recording
 from collabslam.simulation.held import HeldRecording
-from collabslam.simulation.recording import POSITION_SD, ROTATION_SD, measured_pose
+from collabslam.simulation.recording import NOTHING_LASTS, POSITION_SD, ROTATION_SD, measured_pose
 from collabslam.types import Frame, Image, WornView
 from collabslam_lab.calibrated.trajectories import rendered
 from collabslam_lab.worlds import WorldRecording, world_recording
@@ -86,5 +86,5 @@ class WrongStamps(WrappedRecording):
         t = frame.t + self._late
         true = pose_inverse(world.robot(t)) @ world.person(t)
         t_cf, covariance = measured_pose(true, np.random.default_rng([19, i]), *self._sds)
-        worn = WornView(self._way.worn_picture(i, self._late), t_cf, covariance)
+        worn = WornView(self._way.worn_picture(i, self._late), t_cf, covariance, NOTHING_LASTS)
         return replace(frame, views=(worn,))

@@ -14,7 +14,7 @@ from collabslam._core import Camera
 from collabslam.errors import InputError
 from collabslam.geometry import rounded_covariance
 from collabslam.simulation.exposure import ExposureControl
-from collabslam.simulation.recording import measured_pose
+from collabslam.simulation.recording import NOTHING_LASTS, measured_pose
 from collabslam.simulation.rendered import RenderedRecording
 from collabslam.types import Array, Frame, Image, WornView
 from collabslam_lab.worlds.building import Building
@@ -90,7 +90,7 @@ class WorldRecording(RenderedRecording):
         t = float(self.times[i])
         _, of_image, of_pose = self._noise(i)
         t_cf, covariance = measured_pose(self.true_t_cf(i), of_pose)
-        view = WornView(self.worn_picture(t, of_image), t_cf, rounded_covariance(covariance))
+        view = WornView(self.worn_picture(t, of_image), t_cf, rounded_covariance(covariance), NOTHING_LASTS)
         return Frame(i, t, self.image(i), (view,))
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:

@@ -15,6 +15,7 @@ from collabslam.cli import main as cli
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
 from collabslam.results import StepResult
 from collabslam.settings.table import Settings
+from collabslam.simulation.recording import NOTHING_LASTS
 from collabslam.types import Array
 from collabslam_lab.switches import with_switches
 
@@ -46,7 +47,7 @@ class Walk:
         image = paint(wall, camera, t_wf, TAG, tag if moved is None else tag @ moved)
         true = pose_inverse(self.recording.truth[i]) @ t_wf
         measured = true @ se3_exp(-SD * self.generator.standard_normal(6))
-        return WornView(image, measured, np.diag(SD**2), t=t)
+        return WornView(image, measured, np.diag(SD**2), NOTHING_LASTS, t=t)
 
     def step(self, slam: Slam, i: int, *views: WornView) -> StepResult:
         return slam.step(self.recording.times[i], self.posted.image(i), views)
