@@ -66,6 +66,7 @@ function picture(data) {
 
 // Names of facts in the order in which they are shown, with what stands for them and their unit; others come after.
 const NAMES = [
+  ["images sent", "images sent"],
   ["age median ms", "age of its images", "ms"], ["ms", "work in a frame", "ms"],
   ["link", "worn camera"], ["started", "map begun"], ["metric", "lengths in metres"],
   ["position sd m", "position, 1 sd", "m"], ["attitude sd deg", "attitude, 1 sd", "°"], ["scale sd", "scale, 1 sd"],
