@@ -11,6 +11,7 @@ type Table = &'static [(&'static str, &'static [&'static str])];
 const CRATE: Table = &[
     ("chi2", &[]),
     ("error", &[]),
+    ("stamps", &["error"]),
     ("math", &[]),
     ("performance", &[]),
     ("camera", &["error"]),
@@ -33,7 +34,7 @@ const CRATE: Table = &[
         "view_planning",
         &["math", "camera", "observe", "state", "scale"],
     ),
-    ("imu", &["error", "math"]),
+    ("imu", &["error", "math", "stamps"]),
     ("predict", &["chi2", "math", "settings", "state", "imu"]),
     (
         "guard",
@@ -41,7 +42,7 @@ const CRATE: Table = &[
             "error", "math", "settings", "observe", "birth", "state", "predict",
         ],
     ),
-    ("odometry", &["error", "math", "predict", "guard"]),
+    ("odometry", &["error", "math", "stamps", "predict", "guard"]),
     (
         "batch",
         &[
@@ -73,6 +74,7 @@ const CRATE: Table = &[
             "batch",
             "odometry",
             "imu",
+            "stamps",
             "chi2",
             "gyroscope",
         ],

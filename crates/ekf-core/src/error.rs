@@ -2,9 +2,6 @@
 
 use thiserror::Error;
 
-/// Largest time stamp, seconds: some thousand years; nanoseconds since 1970 are far beyond.
-pub const LAST_TIME: f64 = 1e11;
-
 /// Everything that can be wrong with a call. A call that fails leaves the filter as it was.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum EkfError {

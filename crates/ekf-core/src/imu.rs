@@ -3,17 +3,15 @@
 //! A sample is the rate at its time; between two that are close the rate is taken as linear. Of a longer silence they say
 //! nothing, and the motion model bridges it.
 
-use crate::error::{EkfError, LAST_TIME};
+use crate::error::EkfError;
 use crate::math::numbers;
+use crate::stamps;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Longest time between two samples that the rate is known in, seconds.
 const LONGEST: f64 = 0.1;
-
-/// Largest silence between two samples, seconds; beyond it the stamps are taken to be wrong.
-const LONGEST_GAP: f64 = 3600.0;
 
 /// Largest rate, rad/s: 4000 degrees a second, twice what common sensors can measure.
 const FASTEST: f64 = 70.0;
@@ -80,24 +78,7 @@ impl Imu {
     /// Takes a rate.
     pub(crate) fn add(&mut self, t: f64, rate: &Vector3<f64>) -> Result<(), EkfError> {
         check(rate)?;
-        if !t.is_finite() {
-            return Err(EkfError::NonFinite {
-                what: "time of the gyroscope",
-            });
-        }
-        if t.abs() > LAST_TIME {
-            let why = format!("{t} s is not a time stamp in seconds; are these nanoseconds?");
-            let what = "time of the gyroscope";
-            return Err(EkfError::InvalidInput { what, why });
-        }
-        if let Some(last) = self.last {
-            if t <= last {
-                return Err(EkfError::BadTime { t, last });
-            }
-            if t - last > LONGEST_GAP {
-                return Err(EkfError::LongGap { t, last });
-            }
-        }
+        stamps::check_next("time of the gyroscope", t, self.last)?;
         if self.samples.len() == MOST {
             return Err(EkfError::InvalidInput {
                 what: "gyroscope",
@@ -142,8 +123,7 @@ impl Imu {
     /// Whether what a snapshot says can be.
     pub(crate) fn check(&self) -> Result<(), EkfError> {
         let mut samples = self.samples.iter();
-        let known =
-            samples.all(|sample| sample.t.abs() <= LAST_TIME && check(&sample.rate).is_ok());
+        let known = samples.all(|sample| stamps::is_sane(sample.t) && check(&sample.rate).is_ok());
         let mut stamps = self.samples.iter().zip(self.samples.iter().skip(1));
         let in_order = stamps.all(|(before, after)| before.t < after.t);
         let last = self
@@ -151,9 +131,9 @@ impl Imu {
             .back()
             .map_or(f64::NEG_INFINITY, |sample| sample.t);
         let in_order = in_order
-            && self.last.map_or(self.samples.is_empty(), |t| {
-                last <= t && t.abs() <= LAST_TIME
-            });
+            && self
+                .last
+                .map_or(self.samples.is_empty(), |t| last <= t && stamps::is_sane(t));
         if known && in_order && self.samples.len() <= MOST && check_mount(&self.r_ci).is_ok() {
             return Ok(());
         }

@@ -38,13 +38,14 @@ pub mod performance;
 pub mod predict;
 mod scale;
 pub mod settings;
+mod stamps;
 pub mod state;
 pub mod submap_pnp;
 pub mod validate;
 pub mod view_planning;
 
 pub use camera::{Camera, Distortion};
-pub use error::{EkfError, LAST_TIME};
+pub use error::EkfError;
 pub use filter::{
     Bearing, CandidateOutcome, Capture, ConditionalPrediction, ConditioningSet, DepthObservation,
     FEWEST_MATCHES, Filter, KnownMap, Landmark, MAX_RANGE_RATIO, MOST_KEPT_POSES,
@@ -53,3 +54,4 @@ pub use filter::{
 };
 pub use guard::LARGEST_PIXEL;
 pub use settings::Settings;
+pub use stamps::LAST_TIME;

@@ -2,21 +2,19 @@
 //!
 //! A sample is the mean twist since the one before. It says nothing of a longer silence, which the motion model bridges.
 
-use crate::error::{EkfError, LAST_TIME};
+use crate::error::EkfError;
 use crate::guard;
 use crate::math::numbers;
 use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::predict::{Reading, TwistMatrix};
+use crate::stamps;
 use nalgebra::{Matrix6, SMatrix, Vector6};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Longest time that one sample tells of, seconds.
 const LONGEST: f64 = 1.0;
-
-/// Largest silence between two samples, seconds; beyond it the stamps are taken to be wrong.
-const LONGEST_GAP: f64 = 3600.0;
 
 /// Largest number of a twist, m/s or rad/s.
 const FASTEST: f64 = 1e3;
@@ -73,24 +71,7 @@ impl Odometry {
         covariance: &Matrix6<f64>,
     ) -> Result<(), EkfError> {
         check(twist, covariance)?;
-        if !t.is_finite() {
-            return Err(EkfError::NonFinite {
-                what: "time of the odometry",
-            });
-        }
-        if t.abs() > LAST_TIME {
-            let why = format!("{t} s is not a time stamp in seconds; are these nanoseconds?");
-            let what = "time of the odometry";
-            return Err(EkfError::InvalidInput { what, why });
-        }
-        if let Some(last) = self.last {
-            if t <= last {
-                return Err(EkfError::BadTime { t, last });
-            }
-            if t - last > LONGEST_GAP {
-                return Err(EkfError::LongGap { t, last });
-            }
-        }
+        stamps::check_next("time of the odometry", t, self.last)?;
         if self.samples.len() == MOST {
             return Err(EkfError::InvalidInput {
                 what: "odometry",
@@ -149,7 +130,7 @@ impl Odometry {
             before = *t;
         }
         let last = self.last.unwrap_or(f64::NEG_INFINITY);
-        let known = self.last.is_none_or(|t| t.abs() <= LAST_TIME);
+        let known = self.last.is_none_or(stamps::is_sane);
         if !known || before > last || self.samples.len() > MOST {
             return Err(bad);
         }

@@ -202,3 +202,21 @@ fn decay<const N: usize>(
         .p
         .add_block(offset, &(stationary * (1.0 - share * share)));
 }
+
+/// For the tests of both motions: what they are differentiated along.
+#[cfg(test)]
+mod directions {
+    use crate::state::CAMERA_DIM;
+    use nalgebra::SVector;
+
+    /// The `j`-th number of a camera's state, along the unit sphere of quaternions, where the state is.
+    pub(super) fn along(x: &[f64; CAMERA_DIM], j: usize) -> SVector<f64, CAMERA_DIM> {
+        let mut d = SVector::<f64, CAMERA_DIM>::zeros();
+        d[j] = 1.0;
+        let q = SVector::<f64, 4>::from_column_slice(&x[3..7]);
+        let along = q * q.dot(&d.fixed_rows::<4>(3));
+        let mut part = d.fixed_rows_mut::<4>(3);
+        part -= along;
+        d
+    }
+}

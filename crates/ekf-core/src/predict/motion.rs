@@ -351,6 +351,7 @@ mod tests {
     use super::{ByScale, Gains, Motion, OwnTwist, Reading, Step, gains, white};
     use crate::math::quat;
     use crate::predict::CameraMatrix;
+    use crate::predict::directions::along;
     use crate::settings::ProcessSettings;
     use crate::state::CAMERA_DIM;
     use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
@@ -390,13 +391,7 @@ mod tests {
             motion.follow(0.1, &reading, &SVector::zeros(), &before, &process);
             let h = 1e-6;
             for j in 0..CAMERA_DIM {
-                // Along the unit sphere of quaternions, where the state is.
-                let mut d = SVector::<f64, 13>::zeros();
-                d[j] = 1.0;
-                let q = SVector::<f64, 4>::from_column_slice(&x[3..7]);
-                let along = q * q.dot(&d.fixed_rows::<4>(3));
-                let mut part = d.fixed_rows_mut::<4>(3);
-                part -= along;
+                let d = along(&x, j);
                 let at = |h: f64| {
                     let x: [f64; 13] = std::array::from_fn(|i| x[i] + h * d[i]);
                     moved(&x, &SVector::zeros(), turn, &k)

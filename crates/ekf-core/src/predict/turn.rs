@@ -337,6 +337,7 @@ mod tests {
     use super::{GYRO_DIM, Sensor};
     use crate::imu::Imu;
     use crate::math::quat;
+    use crate::predict::directions::along;
     use crate::predict::{CameraMatrix, Motion, Reading};
     use crate::settings::{ImuSettings, MotionModel, ProcessSettings};
     use crate::state::CAMERA_DIM;
@@ -427,13 +428,7 @@ mod tests {
             let motion = moved(&x, &none, model);
             let h = 1e-6;
             for j in 0..CAMERA_DIM {
-                // Along the unit sphere of quaternions, where the state is.
-                let mut d = SVector::<f64, CAMERA_DIM>::zeros();
-                d[j] = 1.0;
-                let q = SVector::<f64, 4>::from_column_slice(&x[3..7]);
-                let along = q * q.dot(&d.fixed_rows::<4>(3));
-                let mut part = d.fixed_rows_mut::<4>(3);
-                part -= along;
+                let d = along(&x, j);
                 let at = |h: f64| {
                     let x: [f64; CAMERA_DIM] = std::array::from_fn(|i| x[i] + h * d[i]);
                     SVector::from(moved(&x, &none, model).x)

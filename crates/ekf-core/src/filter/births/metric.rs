@@ -10,12 +10,32 @@ use crate::guard;
 use crate::guard::{check_pose, is_covariance};
 use crate::math::pose::Pose;
 use crate::observe::point::CameraPose;
-use crate::state::{Block, BlockKind, ErrorOwner};
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
+use crate::state::{Block, BlockKind, Covariance, ErrorOwner};
+use nalgebra::{Cholesky, Const, Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 /// Standard deviation, as a share of rho, with which the tight form starts a matched feature before its pixel in Cf is
 /// measured.
 const TIGHT_RHO_RATIO: f64 = 2.0;
+
+/// A frame's error of T_CF, which all births of its view share.
+struct SharedError {
+    at: usize,
+    inverse: Cholesky<f64, Const<6>>,
+}
+
+impl SharedError {
+    /// That at an offset in the state; `None` where it is exact in some direction.
+    fn of(p: &Covariance, at: usize) -> Option<Self> {
+        let inverse = p.block::<6, 6>(at, at).cholesky()?;
+        Some(Self { at, inverse })
+    }
+
+    /// How much of the variance of a number of the state comes from it.
+    fn explains(&self, p: &Covariance, number: usize) -> f64 {
+        let with = Vector6::from_fn(|i, _| p.get(number, self.at + i));
+        with.dot(&self.inverse.solve(&with))
+    }
+}
 
 impl Filter {
     pub(crate) fn start_tight_births(
@@ -96,35 +116,26 @@ impl Filter {
         report: &mut UpdateReport,
     ) {
         let largest = self.setup.settings.birth.max_rho_ratio;
+        let worn = z.first_view();
+        let error = worn.and_then(|worn| self.worn_error_offset(worn.who));
+        let shared = error.and_then(|at| SharedError::of(&self.memory.state.p, at));
         let mut gone = Vec::new();
         for &(i, id) in newborn {
             if report.views[0][i] != MeasurementOutcome::Born(id) {
                 gone.push(id);
             } else if let Ok(block) = self.memory.feature_block(id) {
                 let rho = self.memory.state.feature(&block).scale();
-                let variance = self.own_rho_variance(&block, z);
-                if rho <= 0.0 || variance.max(0.0).sqrt() > largest * rho {
+                let p = &self.memory.state.p;
+                let variance = p.get(block.offset + 5, block.offset + 5).max(0.0);
+                let explained = shared.as_ref().map(|e| e.explains(p, block.offset + 5));
+                let own = (variance - explained.unwrap_or(0.0)).max(0.0);
+                if rho <= 0.0 || own.sqrt() > largest * rho {
                     gone.push(id);
                     report.views[0][i] = MeasurementOutcome::TooUncertain;
                 }
             }
         }
         self.remove_blocks(&gone);
-    }
-
-    /// Variance of a new landmark's inverse range but for what the error of T_CF, which all of its view share, does to it.
-    fn own_rho_variance(&self, block: &Block, z: &Measurements) -> f64 {
-        let p = &self.memory.state.p;
-        let at = block.offset + 5;
-        let whole = p.get(at, at).max(0.0);
-        let worn = z
-            .first_view()
-            .and_then(|worn| self.worn_error_offset(worn.who));
-        let Some(error) = worn else { return whole };
-        let shared: SMatrix<f64, 6, 6> = p.block(error, error);
-        let with = SMatrix::<f64, 6, 1>::from_fn(|i, _| p.get(at, error + i));
-        let explained = shared.cholesky().map(|c| with.dot(&c.solve(&with)));
-        (whole - explained.unwrap_or(0.0)).max(0.0)
     }
 
     pub(crate) fn instant_births(&mut self, z: &Measurements, report: &mut UpdateReport) {

@@ -3,7 +3,7 @@
 
 use super::snapshot::{open, seal};
 use crate::camera::Camera;
-use crate::error::{EkfError, LAST_TIME};
+use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::Memory;
 use crate::filter::memory::last_view::LastView;
@@ -12,6 +12,7 @@ use crate::guard;
 use crate::imu::Imu;
 use crate::local::{OutsideSet, OutsideSetImage};
 use crate::settings::{Settings, Value};
+use crate::stamps::{self, LAST_TIME};
 use crate::state::{BlockKind, State, StateImage, transferred_dim};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -134,8 +135,7 @@ fn check(memory: &Memory, setup: &Setup) -> Result<(), EkfError> {
     if !memory.followed.is_sane(layout.next_id()) {
         return bad("the features that it follows are impossible");
     }
-    let is_stamp = |t: f64| t.is_finite() && t.abs() <= LAST_TIME;
-    if !memory.time.is_none_or(is_stamp) || !memory.moved_by.is_finite() {
+    if !memory.time.is_none_or(stamps::is_sane) || !memory.moved_by.is_finite() {
         return bad("its time is impossible");
     }
     check_records(memory)?;

@@ -1,20 +1,18 @@
 //! Prediction (METHOD 3), the features that it brings into view, and what the map transfers.
 
 use super::visibility::{MAYBE, SOON, appearance, visibility};
-use crate::error::{EkfError, LAST_TIME};
+use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::wheels::Wheels;
 use crate::kernel::Panels;
 use crate::observe::FeatureState;
 use crate::observe::point::CameraPose;
+use crate::stamps::{self, LONGEST_GAP};
 use crate::state::{CAMERA_DIM, State};
 use crate::{guard, predict};
 
 /// Shortest time between two frames, seconds: the steps of f64 time stamps since 1970 are a quarter of it.
 const SHORTEST_STEP: f64 = 1e-6;
-
-/// Longest time that one prediction bridges, seconds; beyond it the stamps are taken to be wrong.
-const LONGEST_GAP: f64 = 3600.0;
 
 /// Longest motion that is predicted, seconds. By then the attitude is unknown (its standard deviation is several turns with
 /// the default process noise), and a longer prediction would only cost P the digits of the map.
@@ -33,13 +31,7 @@ impl Filter {
     /// `LongGap` if it is more than an hour after it, `InvalidInput` if P would leave all bounds (after years of gaps
     /// without a measurement). Nothing changes then.
     pub fn predict(&mut self, t: f64) -> Result<(), EkfError> {
-        if !t.is_finite() {
-            return Err(EkfError::NonFinite { what: "time" });
-        }
-        if t.abs() > LAST_TIME {
-            let why = format!("{t} s is not a time stamp in seconds; are these nanoseconds?");
-            return Err(EkfError::InvalidInput { what: "time", why });
-        }
+        stamps::check("time", t)?;
         if let Some(last) = self.memory.time {
             if t - last < SHORTEST_STEP {
                 return Err(EkfError::BadTime { t, last });
