@@ -109,9 +109,8 @@ class GyroMonitor(PersistentState):
         if last is None or now is None:
             return None
         answer = self._filter.gyro_agrees(last[0], *self.followed(view, last, now))
-        if (
-            answer is None
-        ):  # points may not have been found as they were looked for where a wrong turn has them
+        if answer is None:
+            # A wrong turn looks for the points where they are not.
             answer = self._filter.gyro_agrees(last[0], *self.followed(view, last, now, still=True))
         return answer
 
