@@ -9,7 +9,9 @@ from collabslam.frontend.patch import Patch
 
 __all__ = [
     "DESCRIPTOR_SAMPLES",
+    "FASTEST_RATE",
     "FEWEST_MATCHES",
+    "GYRO_GAP",
     "LARGEST_PIXEL",
     "LAST_TIME",
     "MAX_RANGE_RATIO",
@@ -106,6 +108,10 @@ DESCRIPTOR_SAMPLES: int
 """Samples along the side of a window that is described."""
 FEWEST_MATCHES: int
 """Fewest matches that tell one pose."""
+FASTEST_RATE: float
+"""Largest rate about an axis that a gyroscope is believed, rad/s: twice what common sensors can measure."""
+GYRO_GAP: float
+"""Longest time between two samples of a gyroscope that the rate is known in, seconds."""
 LARGEST_PIXEL: float
 """Largest coordinate of a pixel that is taken, pixels."""
 LAST_TIME: float

@@ -11,10 +11,10 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Longest time between two samples that the rate is known in, seconds.
-const LONGEST: f64 = 0.1;
+pub const GYRO_GAP: f64 = 0.1;
 
 /// Largest rate, rad/s: 4000 degrees a second, twice what common sensors can measure.
-const FASTEST: f64 = 70.0;
+pub const FASTEST_RATE: f64 = 70.0;
 
 /// Largest offset of the clock, seconds.
 const LARGEST_OFFSET: f64 = 10.0;
@@ -117,7 +117,7 @@ impl Imu {
     pub(crate) fn pairs(&self) -> impl Iterator<Item = (&Sample, &Sample)> {
         let next = self.samples.iter().skip(1);
         let pairs = self.samples.iter().zip(next);
-        pairs.filter(|(before, after)| after.t - before.t <= LONGEST)
+        pairs.filter(|(before, after)| after.t - before.t <= GYRO_GAP)
     }
 
     /// Whether what a snapshot says can be.
@@ -147,7 +147,7 @@ pub(crate) fn check(rate: &Vector3<f64>) -> Result<(), EkfError> {
     if !rate.iter().all(|x| x.is_finite()) {
         return Err(EkfError::NonFinite { what });
     }
-    if let Some(x) = rate.iter().find(|x| x.abs() > FASTEST) {
+    if let Some(x) = rate.iter().find(|x| x.abs() > FASTEST_RATE) {
         let why = format!("{x} rad/s is too fast; give rad/s, not degrees");
         return Err(EkfError::InvalidInput { what, why });
     }

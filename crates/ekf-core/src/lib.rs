@@ -53,5 +53,6 @@ pub use filter::{
     UNKNOWN_TURN, UpdateReport, ViewTiming, WornObservation, WornPair, WornPose,
 };
 pub use guard::LARGEST_PIXEL;
+pub use imu::{FASTEST_RATE, GYRO_GAP};
 pub use settings::Settings;
 pub use stamps::LAST_TIME;

@@ -30,6 +30,14 @@ mod _core {
     #[pymodule_export]
     const FEWEST_MATCHES: usize = ekf_core::FEWEST_MATCHES;
 
+    /// Largest rate about an axis that a gyroscope is believed, rad/s: twice what common sensors can measure.
+    #[pymodule_export]
+    const FASTEST_RATE: f64 = ekf_core::FASTEST_RATE;
+
+    /// Longest time between two samples of a gyroscope that the rate is known in, seconds.
+    #[pymodule_export]
+    const GYRO_GAP: f64 = ekf_core::GYRO_GAP;
+
     /// Largest coordinate of a pixel that is taken, pixels.
     #[pymodule_export]
     const LARGEST_PIXEL: f64 = ekf_core::LARGEST_PIXEL;

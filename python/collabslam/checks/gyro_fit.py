@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from collabslam._core import GYRO_GAP
 from collabslam.checks.samples import lowest
 from collabslam.geometry import rotation_exp
 from collabslam.types import Array, ImuLog, Indices, Mask
 
-LONGEST = 0.1
-"""Seconds between two samples over which the rate is interpolated."""
 REACH, STEP, FINE = 10.0, 0.04, 0.004
 """Seconds up to which a clock is sought, on a grid of that step, then of the finer one."""
 _QUICK, _ITERATIONS = 2, 5
@@ -69,7 +68,7 @@ class Integrated:
     def __init__(self, log: ImuLog) -> None:
         self._times, self._rates = log.times, log.rates
         steps = np.diff(log.times)
-        self._gaps = np.concatenate([[0], np.cumsum(steps > LONGEST)])
+        self._gaps = np.concatenate([[0], np.cumsum(steps > GYRO_GAP)])
         angles = 0.5 * (log.rates[1:] + log.rates[:-1]) * steps[:, None]
         turns = [np.eye(3)]
         for angle in angles:

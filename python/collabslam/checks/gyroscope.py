@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from collabslam._core import FilterSettings
 from collabslam.checks.gyro_fit import CLEAR, Fit, Integrated, Turns, best_fit, fit_at, unexplained
 from collabslam.checks.matching import describe, match_points
 from collabslam.checks.mistakes import MirroredCamera
@@ -31,8 +32,8 @@ FITS = np.deg2rad(1.0)
 _TINY = 0.1
 """Scale below which rates may be in degrees."""
 EXPLAINED = 0.3
-MOUNT_SD, CLOCK_SD = np.deg2rad(0.5), 0.005
-"""How well mount and clock are taken to be known where nobody says."""
+_DEFAULTS = FilterSettings().imu
+"""How well a sensor is taken to be known where nobody says."""
 LEAST_SD = np.deg2rad(0.1), 5e-4
 """Standard deviations of mount and clock that no fit to images beats."""
 SURE = 3.0
@@ -141,7 +142,7 @@ def _judged(turns: Turns, log: ImuLog, offset: float, fit: Fit) -> GyroReport:
     mistakes = [] if axis_only else list(_mistakes(fit, told, mount_sd))
     wrong = before is None or fit.left < CLEAR * before
     report.findings.extend(mistakes if wrong or abs(fit.scale - 1.0) > SCALE else [])
-    known = CLOCK_SD if told.time_offset_sd is None else told.time_offset_sd
+    known = _DEFAULTS.time_offset_sd if told.time_offset_sd is None else told.time_offset_sd
     late = offset - told.time_offset
     if abs(late) > SURE * float(np.hypot(clock_sd, known)) and (wrong or not axis_only):
         report.findings.append(
@@ -174,7 +175,7 @@ def _mistakes(fit: Fit, told: Imu, mount_sd: float) -> list[str]:
             "focal length is wrong (see above)."
         )
     r_ci = np.asarray(told.r_ci, np.float64)
-    known = MOUNT_SD if told.mount_sd is None else told.mount_sd
+    known = _DEFAULTS.mount_sd if told.mount_sd is None else told.mount_sd
     off = _angle(fit.turn @ r_ci.T) if np.linalg.det(fit.turn) > 0.0 else np.pi
     if off <= max(SURE * float(np.hypot(mount_sd, known)), np.deg2rad(1.0)):
         return out

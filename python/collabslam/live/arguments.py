@@ -8,6 +8,7 @@ from typing import Any, SupportsFloat, cast
 
 import numpy as np
 
+from collabslam._core import LAST_TIME
 from collabslam.errors import InputError
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, GyroSample, OdometrySample, RobotFrame
@@ -17,8 +18,6 @@ from collabslam.types import Array, Image
 
 MOST_BYTES = 1 << 24
 """Bytes of an encoded view."""
-BACK, AHEAD = -1e11, 1e11
-"""Seconds between which stamps are."""
 
 
 def robot_frame(t: Any, image: Any) -> RobotFrame:
@@ -96,7 +95,7 @@ def _seconds(t: Any) -> float:
         found = float(cast(SupportsFloat, t))
     except (TypeError, ValueError, OverflowError):
         found = math.nan
-    if isinstance(t, str | bytes) or not BACK < found < AHEAD:
+    if isinstance(t, str | bytes) or not abs(found) < LAST_TIME:
         raise InputError(f"The time {str(t)[:40]!r} is none; give seconds as a finite number.")
     return found
 

@@ -149,9 +149,8 @@ def measured_level(
     """
     if log is None or log.accelerations is None:
         return None
-    defaults = settings.filter.imu
-    bias = defaults.accel_bias_sd if log.sensor.accel_bias_sd is None else log.sensor.accel_bias_sd
-    mount = defaults.mount_sd if log.sensor.mount_sd is None else log.sensor.mount_sd
+    sizes = settings.replace(log.sensor.sizes).filter.imu
+    bias, mount = sizes.accel_bias_sd, sizes.mount_sd
     every = list(_intervals(record, log))
     resting = [one for one in every if one.still]
     seconds = sum(one.seconds for one in resting)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from collabslam._core import GYRO_GAP
 from collabslam.evaluation.record import RunRecord
 from collabslam.formats.files import write_text
 from collabslam.formats.trajectory import position_quaternion
@@ -19,8 +20,8 @@ from collabslam.geometry import pose, rotation_exp, rotation_log
 from collabslam.settings.table import Settings
 from collabslam.types import Array, ImuLog, Mask
 
-LONGEST, GAP = 1.0, 0.1
-"""Seconds between two frames, and between two samples, over which nothing is said."""
+LONGEST = 1.0
+"""Seconds between two frames over which nothing is said."""
 RATE_NOTE = "rate_poses"
 """Its name in the summary's options."""
 _TRIANGLE = np.tril_indices(6)
@@ -65,15 +66,14 @@ def rate_poses(
     """
     r_ci = np.asarray(log.sensor.r_ci, np.float64)
     stamps, rates = log.times + time_offset, (log.rates - bias) @ r_ci.T
-    told = log.sensor.gyro_noise
-    noise = settings.filter.imu.gyro_noise if told is None else told
+    noise = settings.replace(log.sensor.sizes).filter.imu.gyro_noise
     density = settings.filter.process.acceleration_density
     times, poses, covariances, valid = record.times, record.poses, record.covariances, record.valid
     velocities = _velocities(times, poses[:, :3, 3], valid)
     for k in np.flatnonzero(valid[:-1] & valid[1:] & (np.diff(times) <= LONGEST)).tolist():
         start, end, dt = times[k], times[k + 1], float(times[k + 1] - times[k])
         first, last = np.searchsorted(stamps, start, side="right"), np.searchsorted(stamps, end, side="left")
-        if first == 0 or last == len(stamps) or np.diff(stamps[first - 1 : last + 1]).max() > GAP:
+        if first == 0 or last == len(stamps) or np.diff(stamps[first - 1 : last + 1]).max() > GYRO_GAP:
             continue
         at = np.concatenate([[start], stamps[first:last], [end]])
         turning = np.stack(

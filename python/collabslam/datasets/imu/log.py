@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from collabslam._core import FASTEST_RATE, GYRO_GAP
 from collabslam.datasets.gate import tell
 from collabslam.datasets.stamps import usable_frames
 from collabslam.errors import DataError
@@ -16,8 +17,6 @@ LEAST_RATE, MOST_RATE = 10.0, 2e4
 FASTEST, FAST = 35.0, 5.0
 """rad/s that hardly any sample may exceed (2000 degrees/s, the range of most sensors), and that half of
 them may not: what turns faster than that for half of the time is not a camera, and its unit is degrees."""
-IMPOSSIBLE = 70.0
-"""rad/s about an axis that no sensor measures."""
 FEW = 0.05
 """Share of such samples that are errors of transmission; more of them are in another unit."""
 FULL_SCALE = 2.0
@@ -28,8 +27,6 @@ CLIPPED = 3
 """So many samples running at the limit of an axis show that it is the sensor's."""
 MOST_LEFT_OUT = 0.2
 """Share of the samples that may be left out."""
-GAP = 0.1
-"""Seconds between two samples, and ten of their intervals, beyond which something is missing."""
 _G = 9.80665
 _NO_GYRO = "--gyro none leaves the gyroscope out"
 
@@ -65,7 +62,7 @@ def checked(times: Array, rates: Array, accelerations: Array | None, sensor: Imu
     if len(kept) < 2:
         raise DataError(f"{where} holds {len(kept)} samples of a gyroscope; give two or more, or {_NO_GYRO}.")
     step = _check_rate(times[kept], where)
-    possible = np.abs(rates[kept]).max(axis=1) <= IMPOSSIBLE
+    possible = np.abs(rates[kept]).max(axis=1) <= FASTEST_RATE
     _check_unit(rates[kept][possible] if possible.mean() > 1.0 - FEW else rates[kept], where)
     stuck = possible & (_stuck(times[kept], rates[kept]) | _clipped(rates[kept]))
     counts = {
@@ -106,8 +103,9 @@ def gaps_text(log: ImuLog) -> str:
 
 
 def _gaps(times: Array, step: float) -> Array:
+    """Silences that the filter does not bridge, and that are no pauses of a slow sensor."""
     steps = np.diff(times)
-    return np.asarray(steps[steps > max(GAP, 10.0 * step)])
+    return np.asarray(steps[steps > max(GYRO_GAP, 10.0 * step)])
 
 
 def _in_order(times: Array, where: str) -> Indices:
