@@ -106,6 +106,7 @@ def browser(video: Path) -> Iterator[Browser]:
             "--headless=new",
             "--no-sandbox",
             "--disable-gpu",
+            "--enable-unsafe-swiftshader",  # WebGL by the processor, which newer ones refuse else
             "--ignore-certificate-errors",
             "--use-fake-ui-for-media-stream",
             "--use-fake-device-for-media-stream",

@@ -77,6 +77,7 @@ export async function track(root, shot, lost, ended) {
   });
   try {
     const gl = document.createElement("canvas").getContext("webgl2", { xrCompatible: true });
+    if (!gl) throw new Error("the browser has no WebGL 2");
     await session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
     const binding = new XRWebGLBinding(session, gl), reader = new Reader(gl);
     const space = await session.requestReferenceSpace("local");
