@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from collabslam._core import Camera
 from collabslam.datasets.poses import read_track
-from collabslam.errors import DataError
+from collabslam.errors import DataError, InputError
 from collabslam.formats.files import read_text
 from collabslam.formats.landmarks import read_ply
 from collabslam.formats.trajectory import ARBITRARY, read_covariances
@@ -26,6 +27,7 @@ from collabslam.runs.results import (
     MAP,
     SUMMARY,
     TRAJECTORY,
+    WHOLE_MAP,
 )
 from collabslam.runs.worn_results import worn_files
 from collabslam.types import Array
@@ -85,6 +87,28 @@ class RunFolder:
     def landmarks(self) -> Landmarks:
         """The map at the end."""
         return read_ply(self.path / MAP)
+
+    def whole_map(self) -> Landmarks:
+        """The landmarks of all submaps where loops put them; where there are none those of the end."""
+        path = self.path / WHOLE_MAP
+        return read_ply(path) if path.exists() else self.landmarks()
+
+    def valid_indices(self) -> list[int]:
+        """Which of the usable frames, counted from 0, the poses of `trajectory` are of."""
+        try:
+            return [int(row["index"]) for row in self.frames() if row["valid"] == "1"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise DataError(f"{self.path / FRAMES} is damaged; run the recording again.") from error
+
+    def camera(self) -> Camera:
+        """The calibration of Cs that the run used."""
+        given = self.summary().get("camera")
+        try:
+            return Camera(**given)  # type: ignore[arg-type]
+        except (TypeError, InputError) as error:
+            raise DataError(
+                f"{self.path / SUMMARY} does not say what the camera was; run the recording again."
+            ) from error
 
     def is_metric(self) -> bool:
         """Whether lengths are metres, as the trajectory's header says."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from collabslam._core import Camera
 from collabslam.evaluation.record import RunRecord
 from collabslam.evaluation.scoring import score
 from collabslam.results import Landmarks
@@ -59,6 +60,7 @@ def summarise(
         "metric": plan.metric,
         "recording": recording.name,
         "source": recording.source,
+        "camera": _camera(recording.camera),
         "version": version(),
         "interrupted": ended_by is not None,
         "ended_by": ended_by,
@@ -72,6 +74,12 @@ def summarise(
         "settings_hash": plan.settings.hash(),
         "options": plan.notes,
     }
+
+
+def _camera(camera: Camera) -> Summary:
+    """The arguments that make the camera again."""
+    names = ("model", "width", "height", "intrinsics", "distortion")
+    return {name: getattr(camera, name) for name in names}
 
 
 def is_trusted(summary: Summary) -> bool:

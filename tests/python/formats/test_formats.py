@@ -96,7 +96,7 @@ def test_an_export_replaces_nothing(run: Path, tmp_path: Path) -> None:
         mine = tmp_path / name
         mine.write_text("mine")
         out = tmp_path / name.replace(".times", "")
-        assert cli.main(["export", str(run), str(out), "--to", kind]) == 2
+        assert cli.main(["export", str(run), str(out), "--format", kind]) == 2
         assert mine.read_text() == "mine"
         mine.unlink()
 
@@ -104,8 +104,8 @@ def test_an_export_replaces_nothing(run: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_evo_reads_euroc_and_kitti(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     euroc, kitti = tmp_path / "run.csv", tmp_path / "run.txt"
-    assert cli.main(["export", str(run), str(euroc), "--to", "euroc"]) == 0
-    assert cli.main(["export", str(run), str(kitti), "--to", "kitti"]) == 0
+    assert cli.main(["export", str(run), str(euroc), "--format", "euroc"]) == 0
+    assert cli.main(["export", str(run), str(kitti), "--format", "kitti"]) == 0
     assert "60 poses" in capsys.readouterr().out
     assert rmse(tool("evo_ape", "euroc", euroc, run / "trajectory.tum")) < 1e-6
     truth = tmp_path / "truth.txt"
@@ -118,8 +118,8 @@ def test_evo_reads_euroc_and_kitti(run: Path, tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize("kind", ["ros2", "ros2-mcap"])
 def test_rosbags_reads_the_odometry(run: Path, tmp_path: Path, kind: str) -> None:
     bag = tmp_path / "bag"
-    assert cli.main(["export", str(run), str(bag), "--to", kind]) == 0
-    assert cli.main(["export", str(run), str(bag), "--to", kind]) == 2  # it is there already
+    assert cli.main(["export", str(run), str(bag), "--format", kind]) == 0
+    assert cli.main(["export", str(run), str(bag), "--format", kind]) == 2  # it is there already
     _, poses, covariances = RunFolder(run).trajectory()
     with AnyReader([bag]) as reader:
         assert reader.topics[rosbag.TOPIC].msgtype == "nav_msgs/msg/Odometry"
@@ -168,7 +168,7 @@ def test_fixed_axis_covariance_is_that_of_fixed_axis_errors() -> None:
 def test_the_map_reads_back(run: Path, tmp_path: Path) -> None:
     points = RunFolder(run).landmarks()
     assert points.ids.tolist() == [0, 3, 6, 9, 12, 15, 18]
-    assert cli.main(["export", str(run), str(tmp_path / "map.csv"), "--to", "csv"]) == 0
+    assert cli.main(["export", str(run), str(tmp_path / "map.csv"), "--format", "csv"]) == 0
     table = np.genfromtxt(tmp_path / "map.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["y"], points.points[:, 1], rtol=1e-6)
     np.testing.assert_allclose(table["cov_yz"], points.covariance[:, 1, 2], rtol=1e-6)
@@ -176,7 +176,7 @@ def test_the_map_reads_back(run: Path, tmp_path: Path) -> None:
 
 
 def test_what_is_no_result_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["export", str(tmp_path), str(tmp_path / "x"), "--to", "euroc"]) == 2
+    assert cli.main(["export", str(tmp_path), str(tmp_path / "x"), "--format", "euroc"]) == 2
     assert "is not a result folder" in capsys.readouterr().err
     (tmp_path / "map.ply").write_bytes(b"ply\nproperty float x\nend_header\n")
     with pytest.raises(DataError, match="not written by collabslam"):
@@ -184,5 +184,5 @@ def test_what_is_no_result_is_refused(run: Path, tmp_path: Path, capsys: pytest.
     with pytest.raises(DataError, match="cannot be read"):
         trajectory.read_covariances(tmp_path / "none.cov")
     (tmp_path / "file").write_text("")
-    assert cli.main(["export", str(run), str(tmp_path / "file" / "x.csv"), "--to", "euroc"]) == 2
+    assert cli.main(["export", str(run), str(tmp_path / "file" / "x.csv"), "--format", "euroc"]) == 2
     assert "cannot be written" in capsys.readouterr().err

@@ -176,7 +176,7 @@ def test_a_run_writes_a_level_world(clip: Clip, tmp_path: Path, monkeypatch: pyt
     numbers = json.loads((tmp_path / "out" / "summary.json").read_text())["level"]
     assert numbers["source"].startswith("accelerometer")
     for kind, name in (("euroc", "level.csv"), ("csv", "points.csv"), ("ros2", "bag")):
-        words = ["export", str(tmp_path / "out"), str(tmp_path / name), "--to", kind, "--world", "level"]
+        words = ["export", str(tmp_path / "out"), str(tmp_path / name), "--format", kind, "--world", "level"]
         assert cli.main(words) == 0
     first = (tmp_path / "level.csv").read_text().splitlines()[-1].split(",")
     np.testing.assert_allclose([float(x) for x in first[1:4]], poses[-1, :3, 3], atol=1e-6)
@@ -195,7 +195,7 @@ def test_a_run_that_nothing_tells_it_is_refused(
     assert plain.summary["level"] is None
     assert not (tmp_path / "plain" / "level.tum").exists()
     assert (
-        cli.main(["export", str(tmp_path / "plain"), str(tmp_path / "x"), "--to", "csv", "--world", "level"])
+        cli.main(["export", str(tmp_path / "plain"), str(tmp_path / "x"), "--format", "csv", "--world", "level"])
         == 2
     )
     assert "run the recording with --world level" in capsys.readouterr().err

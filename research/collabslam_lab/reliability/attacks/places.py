@@ -143,7 +143,7 @@ ATTACKS = (
     Attack("place", "record-above", "a recording written over the folder it is in", _record("..")),
     Attack("place", "record-inside", "a recording written into itself", _record("copy"), READ_OR_REFUSED),
     Attack("place", "export-pipe", "an export into a pipe", lambda scene: scene.command(
-        "export", scene.ground.finished, _pipe(scene), "--to", "euroc")),
+        "export", scene.ground.finished, _pipe(scene), "--format", "euroc")),
     Attack("place", "rerun", "a Rerun recording into /proc",
             lambda scene: scene.run("--save", "/proc/a.rrd")),
     Attack("place", "together", "two runs into one folder at the same time", _together, HELD),

@@ -1,0 +1,73 @@
+"""A run as a model for reconstruction tools: camera, poses, points, and images where they are asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from collabslam.errors import DataError
+from collabslam.formats.colmap import write_colmap
+from collabslam.formats.nerfstudio import write_transforms
+from collabslam.formats.partial_folder import PartialFolder
+from collabslam.runs.images_beside import IMAGES, image_names, write_images
+from collabslam.runs.run_folder import RunFolder
+from collabslam.types import Recording
+
+
+def write_model(
+    run: RunFolder, out: Path, kind: str, *, level: bool = False, recording: Recording | None = None
+) -> tuple[int, int]:
+    """Write a COLMAP model into ``sparse/0`` of a folder, or nerfstudio's files; images into ``images``.
+
+    Parameters
+    ----------
+    run : RunFolder
+    out : Path
+        New folder.
+    kind : str
+        ``colmap``, ``colmap-text`` or ``nerfstudio``.
+    level : bool
+        In the level world, as the filter had the poses; else in that of the start, as loops correct them.
+    recording : Recording, optional
+        The run's, whose images go there.
+
+    Returns
+    -------
+    (int, int)
+        How many poses and points.
+
+    Raises
+    ------
+    DataError
+        If a file of the run is missing or broken, the format knows no such lens, or the folder cannot be
+        written.
+    """
+    camera, indices = run.camera(), run.valid_indices()
+    _, poses, _ = run.level_trajectory() if level else run.trajectory()
+    if not level:
+        corrected = run.corrected()
+        poses = poses if corrected is None else corrected
+    points = run.level_landmarks() if level else run.whole_map()
+    if len(indices) != len(poses):
+        raise DataError(
+            f"{run.path} has {len(poses)} poses for {len(indices)} valid frames; run the recording again."
+        )
+    try:
+        folder = PartialFolder(out)
+    except OSError as error:
+        raise DataError(
+            f"The folder {out} cannot be written ({error.strerror}); give another one."
+        ) from error
+    try:
+        place = folder.path
+        names = (
+            image_names(indices) if recording is None else write_images(place / IMAGES, recording, indices)
+        )
+        if kind == "nerfstudio":
+            write_transforms(place, camera, [f"{IMAGES}/{name}" for name in names], poses, points)
+        else:
+            model = place / "sparse" / "0"
+            write_colmap(model, camera, names, poses, points, text=kind == "colmap-text")
+        folder.take_place()
+    finally:
+        folder.discard()
+    return len(poses), len(points.ids)
