@@ -46,7 +46,9 @@ def write_transforms(
     model, numbers = lens_of(camera)
     if any(numbers.get(name) for name in ("k4", "k5", "k6")) and model == "FULL_OPENCV":
         raise DataError("nerfstudio knows no rational lens; take COLMAP's format, or undistort the images.")
-    given = {name: numbers[name] for name in ("k1", "k2", "k3", "k4", "p1", "p2") if name in numbers}
+    given: dict[str, object] = {
+        name: numbers[name] for name in ("k1", "k2", "k3", "k4", "p1", "p2") if name in numbers
+    }
     content: dict[str, object] = {
         "camera_model": "OPENCV_FISHEYE" if model == "OPENCV_FISHEYE" else "OPENCV",
         "w": camera.width,

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from collabslam.errors import DataError
 from collabslam.formats.colmap import write_colmap
 from collabslam.formats.nerfstudio import write_transforms
 from collabslam.formats.partial_folder import PartialFolder
+from collabslam.geometry import pose_inverse
+from collabslam.results import Landmarks
 from collabslam.runs.images_beside import IMAGES, image_names, write_images
 from collabslam.runs.run_folder import RunFolder
-from collabslam.types import Recording
+from collabslam.types import Array, Recording
 
 
 def write_model(
@@ -42,11 +46,10 @@ def write_model(
         written.
     """
     camera, indices = run.camera(), run.valid_indices()
-    _, poses, _ = run.level_trajectory() if level else run.trajectory()
-    if not level:
-        corrected = run.corrected()
-        poses = poses if corrected is None else corrected
-    points = run.level_landmarks() if level else run.whole_map()
+    if level:
+        poses, points = run.level_trajectory()[1], run.level_landmarks()
+    else:
+        poses, points = _corrected(run)
     if len(indices) != len(poses):
         raise DataError(
             f"{run.path} has {len(poses)} poses for {len(indices)} valid frames; run the recording again."
@@ -71,3 +74,18 @@ def write_model(
     finally:
         folder.discard()
     return len(poses), len(points.ids)
+
+
+def _corrected(run: RunFolder) -> tuple[Array, Landmarks]:
+    """Poses and all landmarks as loops correct them: those of the submaps, and what the filter has beyond."""
+    poses, points = run.trajectory()[1], run.landmarks()
+    corrected, whole = run.corrected(), run.whole_map()
+    if corrected is None or whole is None or not len(poses):
+        return poses, points
+    moved = corrected[-1] @ pose_inverse(poses[-1])
+    turn, new = moved[:3, :3], ~np.isin(points.ids, whole.ids)
+    return corrected, Landmarks(
+        np.concatenate([whole.ids, points.ids[new]]),
+        np.concatenate([whole.points, points.points[new] @ turn.T + moved[:3, 3]]),
+        np.concatenate([whole.covariance, turn @ points.covariance[new] @ turn.T]),
+    )

@@ -88,10 +88,10 @@ class RunFolder:
         """The map at the end."""
         return read_ply(self.path / MAP)
 
-    def whole_map(self) -> Landmarks:
-        """The landmarks of all submaps where loops put them; where there are none those of the end."""
+    def whole_map(self) -> Landmarks | None:
+        """The landmarks of all submaps that have ended, where loops put them; None of a run without any."""
         path = self.path / WHOLE_MAP
-        return read_ply(path) if path.exists() else self.landmarks()
+        return read_ply(path) if path.exists() else None
 
     def valid_indices(self) -> list[int]:
         """Which of the usable frames, counted from 0, the poses of `trajectory` are of."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -20,10 +21,13 @@ from collabslam.datasets import RecordingWriter
 from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
 from collabslam.formats.colmap import write_colmap
+from collabslam.formats.landmarks import write_ply
 from collabslam.formats.nerfstudio import CLOUD, write_transforms
+from collabslam.formats.trajectory import write_tum
 from collabslam.results import Landmarks
 from collabslam.runs.folder import MARK
-from collabslam.runs.results import ResultWriter
+from collabslam.runs.results import CORRECTED, WHOLE_MAP, ResultWriter
+from collabslam.runs.run_folder import RunFolder
 from collabslam.types import Status
 
 INTRINSICS = (61.0, 63.0, 31.2, 23.4)
@@ -111,6 +115,23 @@ def test_colmap_reads_poses_points_and_names(run: Path, tmp_path: Path, kind: st
         image = cv2.imread(str(out / "images" / name), cv2.IMREAD_GRAYSCALE)
         assert (image == 20 * k).all()
     assert cli.main(words) == 2  # it is there already
+
+
+def test_a_model_has_what_loops_corrected(run: Path, tmp_path: Path) -> None:
+    shutil.copytree(run / "run", tmp_path / "run")
+    moved = g.se3_exp([1.0, 0.5, -0.2, 0.1, 0.0, 0.2])
+    poses = moved @ RunFolder(tmp_path / "run").trajectory()[1]
+    write_tum(tmp_path / "run" / CORRECTED, 0.1 * np.arange(len(poses)), poses)
+    left = Landmarks(np.array([0, 77]), np.array([[5.0, 6.0, 7.0], [1.0, 2.0, 3.0]]), np.zeros((2, 3, 3)))
+    write_ply(tmp_path / "run" / WHOLE_MAP, left)
+    assert cli.main(["export", str(tmp_path / "run"), str(tmp_path / "m"), "--format", "colmap"]) == 0
+    found = colmap_reads(tmp_path / "m" / "sparse" / "0", np.array([[0.0, 0.0, 1.0]]))
+    np.testing.assert_allclose(found["centres"], poses[:, :3, 3], atol=1e-7)
+    beyond = CLOUD_POINTS.points[1:] @ moved[:3, :3].T + moved[:3, 3]  # 0 is a submap's, 5 and 9 are not
+    expected = {1: left.points[0], 78: left.points[1], 6: beyond[0], 10: beyond[1]}
+    assert {int(k) for k in found["points"]} == set(expected)
+    for k, point in expected.items():
+        np.testing.assert_allclose(found["points"][str(k)], point, atol=1e-6)
 
 
 def test_nerfstudio_sees_a_point_where_the_camera_saw_it(run: Path, tmp_path: Path) -> None:

@@ -194,8 +194,6 @@ def test_a_run_that_nothing_tells_it_is_refused(
     assert plain.level is None
     assert plain.summary["level"] is None
     assert not (tmp_path / "plain" / "level.tum").exists()
-    assert (
-        cli.main(["export", str(tmp_path / "plain"), str(tmp_path / "x"), "--format", "csv", "--world", "level"])
-        == 2
-    )
+    words = ["export", str(tmp_path / "plain"), str(tmp_path / "x"), "--format", "csv", "--world", "level"]
+    assert cli.main(words) == 2
     assert "run the recording with --world level" in capsys.readouterr().err
