@@ -62,6 +62,7 @@ def run_demo(
         out = next(f for f in numbered(out) if not _holds_results(f))
     if animation is not None:
         try_place(animation)
+    pictures = drawing()
     for seed, part in zip(seeds, parts, strict=True):
         folder = out / part
         recording = demo_recording(seed)
@@ -70,7 +71,7 @@ def run_demo(
         results = run_pair(held, folder, seed=seed, settings=settings, progress=progress)
         for mode, result in results.items():
             runs[mode].append(result.summary)
-        if seed == seeds[0] and drawing():
+        if seed == seeds[0] and pictures:
             from collabslam.viz.plot import plot_comparison
 
             labels = {f"{mode} ({_CAPTIONS[mode]})": result for mode, result in results.items()}
@@ -83,7 +84,7 @@ def run_demo(
     if len(seeds) > 1:
         write_summary(out / "medians.json", medians)
     print(comparison_text(medians, seeds))
-    print(f"  results and {PICTURE} are in {out}")
+    print(f"  results {f'and {PICTURE} ' if pictures else ''}are in {out}")
     return medians
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.errors import DataError
 from collabslam.targets.kinds import Board
-from collabslam.targets.printed import board_corners
+from collabslam.targets.printed import any_board, board_corners
 from collabslam.types import Array, Image
 
 MOST_LOOKED_AT = 150
@@ -19,6 +20,8 @@ MOST_LOOKED_AT = 150
 MOST_USED = 30
 """Views that are fitted: those that differ most."""
 LEAST_USED = 8
+_SURE_OF_NONE = 20
+"""Pictures spread over a recording, none with the board in it, after which another board is looked for."""
 _OUTLIER = 2.5  # a view that fits so much worse than the median is left out
 _FLAGS = cv2.CALIB_FIX_K3
 GOOD_RMS, GOOD_FOCAL, GOOD_COVER = 0.5, 0.005, 0.5
@@ -66,7 +69,12 @@ class Calibration:
         return out
 
 
-def calibrate_camera(count: int, read: Callable[[int], Image], board: Board) -> Calibration:
+def calibrate_camera(
+    count: int,
+    read: Callable[[int], Image],
+    board: Board,
+    progress: Callable[[int], None] = lambda seen: None,
+) -> Calibration:
     """The camera that took pictures of a board.
 
     Parameters
@@ -76,29 +84,16 @@ def calibrate_camera(count: int, read: Callable[[int], Image], board: Board) -> 
     read : callable
         The (H, W) uint8 picture of a number, all of one size.
     board : Board
+    progress : callable
+        Is told after each picture in how many the board was.
 
     Raises
     ------
     DataError
         If fewer than `LEAST_USED` pictures show the board whole, sizes differ, or nothing fits them.
     """
-    corners, size = [], None
     wanted = np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKED_AT)).round().astype(int)).tolist()
-    for i in wanted:
-        image = read(i)
-        if size is not None and image.shape != size:
-            raise DataError(
-                f"The pictures are of different sizes, {size} and {image.shape}; give one camera's."
-            )
-        size = image.shape
-        found = board_corners(image, board)
-        if found is not None:
-            corners.append(found)
-    if size is None or len(corners) < LEAST_USED:
-        raise DataError(
-            f"Only {len(corners)} of {len(wanted)} pictures show a board of {board.columns} x {board.rows} "
-            f"inner corners whole, {LEAST_USED} are needed; count the inner corners, show all of the board."
-        )
+    corners, size = _find(wanted, read, board, progress)
     views = [corners[k] for k in _diverse(np.asarray(corners), MOST_USED)]
     fit = _fit(views, size, board)
     kept = [
@@ -127,6 +122,52 @@ def calibrate_camera(count: int, read: Callable[[int], Image], board: Board) -> 
         halves=abs(halves[0] - halves[1]) / k[0, 0],
         covered=float(cv2.contourArea(outline)) / (width * height),
     )
+
+
+def _find(
+    wanted: list[int], read: Callable[[int], Image], board: Board, progress: Callable[[int], None]
+) -> tuple[list[Array], tuple[int, ...]]:
+    """Corners of the board in the pictures that show it, in their order, and the size of the pictures.
+
+    The pictures are looked at in several rounds over the recording, so that a board of another size is told
+    before all have been.
+    """
+    step = max(1, len(wanted) // _SURE_OF_NONE)
+    found: dict[int, Array] = {}
+    size: tuple[int, ...] | None = None
+    others: Counter[tuple[int, int]] = Counter()
+    for done, i in enumerate((i for first in range(step) for i in wanted[first::step]), start=1):
+        image = read(i)
+        if size is not None and image.shape != size:
+            raise DataError(
+                f"The pictures are of different sizes, {size} and {image.shape}; give one camera's."
+            )
+        size = image.shape
+        corners = board_corners(image, board)
+        if corners is not None:
+            found[i] = corners
+        elif not found and done <= _SURE_OF_NONE and (other := any_board(image)) is not None:
+            others[other] += 1
+        progress(len(found))
+        if done == min(_SURE_OF_NONE, len(wanted)) and not found:
+            _check_other(board, done, others)
+    if size is None or len(found) < LEAST_USED:
+        raise DataError(
+            f"Only {len(found)} of {len(wanted)} pictures show a board of {board.columns} x {board.rows} "
+            f"inner corners whole, {LEAST_USED} are needed; count the inner corners, show all of the board."
+        )
+    return [found[i] for i in sorted(found)], size
+
+
+def _check_other(board: Board, looked_at: int, others: Counter[tuple[int, int]]) -> None:
+    """Raises DataError if it is another board that the pictures show; a part of one has any size."""
+    (columns, rows), times = others.most_common(1)[0] if others else ((0, 0), 0)
+    if times >= 3 and times > 0.5 * others.total():
+        size = f"{columns}x{rows}"
+        raise DataError(
+            f"None of {looked_at} pictures shows a board of {board.columns} x {board.rows} inner corners, "
+            f"but a {size} board is in view in {times}; give --board {size}:{board.square:g}."
+        )
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,10 @@ from collabslam.checks.worn import MOST_PX, WornReport, check_worn
 from collabslam.datasets.at_frames import AtFrames
 from collabslam.datasets.persons import check_alone
 from collabslam.datasets.wrapped import OnlyPersons
+from collabslam.runs.busy import Tell, say_nothing
 from collabslam.types import Recording, worn_cameras
+
+OF_CS = "images of Cs under the true poses"
 
 
 @dataclass(frozen=True)
@@ -69,19 +72,22 @@ class CalibrationReport:
         )
 
 
-def check_persons(recording: Recording) -> dict[str, CalibrationReport]:
+def check_persons(recording: Recording, tell: Tell = say_nothing) -> dict[str, CalibrationReport]:
     """Check a recording as each of its persons sees it, by name; "" where there is at most one camera.
 
-    What is said of Cs is the same in all of them.
+    What is said of Cs is the same in all of them.  ``tell`` is told what is checked next.
     """
     names = list(worn_cameras(recording))
     if len(names) < 2:
-        return {name: check_calibration(recording) for name in names or [""]}
+        return {name: check_calibration(recording, tell=tell) for name in names or [""]}
+    tell(OF_CS)
     robot = check_robot(recording)
-    return {name: check_calibration(OnlyPersons(recording, [name]), robot) for name in names}
+    return {name: check_calibration(OnlyPersons(recording, [name]), robot, tell=tell) for name in names}
 
 
-def check_calibration(recording: Recording, robot: RobotReport | None = None) -> CalibrationReport:
+def check_calibration(
+    recording: Recording, robot: RobotReport | None = None, *, tell: Tell = say_nothing
+) -> CalibrationReport:
     """Check a recording of Cs and at most one Cf; nothing of it is changed.
 
     Parameters
@@ -91,6 +97,8 @@ def check_calibration(recording: Recording, robot: RobotReport | None = None) ->
         of another time than their frame's are asked beside the frame nearest to it; see `AtFrames`.
     robot : RobotReport, optional
         What is known of Cs already.
+    tell : callable
+        Is told what is checked next.
 
     Raises
     ------
@@ -98,9 +106,13 @@ def check_calibration(recording: Recording, robot: RobotReport | None = None) ->
         If several persons wear a camera: see `check_persons`.
     """
     check_alone(recording)
-    robot = robot or check_robot(recording)
+    if robot is None:
+        tell(OF_CS)
+        robot = check_robot(recording)
     with_views = AtFrames(recording, robot.poses)
+    tell("images of Cf under T_CF")
     worn = check_worn(with_views, robot)
+    tell("lengths of the true poses beside those of T_CF, and depths")
     lengths = check_lengths(with_views, robot, worn.undo)
     findings = robot.findings + worn.findings + lengths.findings + check_depth(recording, robot)
     notes = robot.notes + worn.notes + lengths.notes
@@ -111,6 +123,7 @@ def check_calibration(recording: Recording, robot: RobotReport | None = None) ->
         )
     alone = None
     if not robot.by_gap:
+        tell("focal length by the images of Cs alone")
         alone = focal_range(recording.image, range(len(recording)), MirroredCamera(recording.camera))
         if alone is not None and alone.contradicts:
             findings.append(

@@ -34,6 +34,7 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.checks.calibration import check_persons
     from collabslam.checks.gyroscope import check_gyroscope
     from collabslam.errors import SettingsError
+    from collabslam.runs.busy import busy
     from collabslam.runs.report import text_table
     from collabslam.types import worn_cameras
 
@@ -41,13 +42,17 @@ def main(arguments: argparse.Namespace) -> int:
         raise SettingsError(
             "--write finds a correction of T_CF as it is measured; leave out --worn-calibration."
         )
-    recording = options.source_with_worn(arguments).open()
+    with busy("reading the recording"):
+        recording = options.source_with_worn(arguments).open()
     names = list(worn_cameras(recording))
     if arguments.write is not None and len(names) > 1:
         raise SettingsError(
             f"--write finds the correction of one person's T_CF; say whose, as --worn recorded:{names[0]}."
         )
-    reports = check_persons(recording)
+    with busy("asking the images") as tell:
+        reports = check_persons(recording, tell)
+        tell("turns of the images beside the gyroscope's")
+        gyro = check_gyroscope(recording)
     print(recording.name)
     first = next(iter(reports.values()))
     rows = _robot_rows(first)
@@ -55,7 +60,6 @@ def main(arguments: argparse.Namespace) -> int:
         rows += [
             [f"{label}, {name}" if len(reports) > 1 else label, text] for label, text in _worn_rows(report)
         ]
-    gyro = check_gyroscope(recording)
     print(text_table([*rows, *_gyro_rows(gyro)]))
     for line in [*_sentences(reports), *(gyro.findings + gyro.notes if gyro else [])]:
         print(line)
@@ -134,9 +138,11 @@ def _write(recording: Recording, path: Path, name: str) -> bool:
     """Find what all views of a person share, say it, and write it; whether there was anything to write."""
     from collabslam.checks.worn_bias.recorded import time_correlated_error
     from collabslam.checks.worn_bias.report import believed, rows, sentences
+    from collabslam.runs.busy import busy
     from collabslam.runs.report import text_table
 
-    found = time_correlated_error(recording)
+    with busy("what all views of Cf share"):
+        found = time_correlated_error(recording)
     if found is None:
         print("No view of Cf shares enough points with Cs on its path: nothing is written.")
         return False

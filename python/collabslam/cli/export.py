@@ -84,9 +84,12 @@ def main(arguments: argparse.Namespace) -> int:
     elif kind == "kitti":
         print(f"the stamps are in {trajectory.write_kitti(out, times, poses)}")
     else:
+        from collabslam.runs.busy import busy
+
         storage = "mcap" if kind == "ros2-mcap" else "sqlite3"
         corrected = None if level else run.corrected()
-        rosbag.write_odometry(out, times, poses, covariances, corrected, storage=storage)
+        with busy(f"writing {len(times)} poses"):
+            rosbag.write_odometry(out, times, poses, covariances, corrected, storage=storage)
     print(f"{len(times)} poses are in {out}")
     return OK
 

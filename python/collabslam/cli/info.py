@@ -22,6 +22,7 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.datasets.gate import listening
     from collabslam.datasets.ros.bag import Bag, is_bag
     from collabslam.datasets.ros.reader import ROLES
+    from collabslam.runs.busy import busy
     from collabslam.runs.report import text_table
 
     if is_bag(arguments.source):
@@ -30,7 +31,7 @@ def main(arguments: argparse.Namespace) -> int:
             print(text_table([[t.name, t.type, str(t.messages)] for t in bag.topics] or [["none"]]))
         print("roles for --topics")
         print(text_table([list(row) for row in ROLES.items()]))
-    with listening() as facts:
+    with busy("reading the recording"), listening() as facts:
         recording = options.source_of(arguments).open()
     print(recording.name)
     print(text_table([[label, text] for label, text in describe(recording).items()]))

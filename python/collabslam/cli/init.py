@@ -123,9 +123,16 @@ def _gyroscope(arguments: argparse.Namespace) -> str | None:
 
 
 def _from_board(arguments: argparse.Namespace, pictures: Pictures) -> str:
-    from collabslam.checks.calibrate_camera import calibrate_camera
+    from collabslam.checks.calibrate_camera import MOST_LOOKED_AT, calibrate_camera
+    from collabslam.runs.progress import Progress
 
-    fit = calibrate_camera(pictures.count, pictures.read, arguments.board)
+    board = arguments.board
+    looked_at = min(pictures.count, MOST_LOOKED_AT)
+    with Progress(looked_at, "looking for the board", unit="picture") as bar:
+        note = f"a {board.columns}x{board.rows} board is in view in"
+        fit = calibrate_camera(
+            pictures.count, pictures.read, board, lambda seen: bar.update(f"{note} {seen}")
+        )
     words = _words(fit)
     print("\n".join(words))
     title = [f"Camera of {arguments.source}, from a board {arguments.board}", *words]

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from collabslam.cli import OK, options
-from collabslam.cli.live_robot import report
+from collabslam.cli.live_robot import draw, report
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,5 +26,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Run it and say what came out."""
     from collabslam.live.replay import replay
 
-    print(report(replay(arguments.record, arguments.out, overwrite=arguments.overwrite)))
+    summary = replay(arguments.record, arguments.out, overwrite=arguments.overwrite)
+    draw(Path(summary["folder"]))
+    print(report(summary))
     return OK

@@ -106,8 +106,21 @@ def main(arguments: argparse.Namespace) -> int:
     )
     with link.open_robot(address, keys) as session:
         summary = RobotNode(session, camera, asked).run()
+    draw(Path(summary["folder"]))
     print(report(summary))
     return OK
+
+
+def draw(folder: Path) -> None:
+    """The picture of a live run, from what it has written."""
+    from collabslam.extras import drawing
+    from collabslam.runs.read_back import read_run
+    from collabslam.runs.results import PICTURE
+
+    if drawing():
+        from collabslam.viz.plot import plot_run
+
+        plot_run(read_run(folder), folder / PICTURE)
 
 
 def device_names(text: str) -> tuple[str, ...]:

@@ -27,7 +27,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Write the recording."""
-    recording = options.source_with_worn(arguments).open()
+    from collabslam.runs.busy import busy
+
+    with busy("reading the recording"):
+        recording = options.source_with_worn(arguments).open()
     if arguments.bag is not None:
         return _write_bag(recording, arguments)
     return write_folder(recording, arguments.out, overwrite=arguments.overwrite)

@@ -86,11 +86,13 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from collabslam.runs import runner
+    from collabslam.runs.busy import busy
     from collabslam.runs.plan import Output
 
     settings = options.read_settings(arguments)
     source = dataclasses.replace(options.source_with_worn(arguments), frames=arguments.max_frames)
-    recording = source.open()
+    with busy("reading the recording"):
+        recording = source.open()
     mode = arguments.mode or runner.default_mode(recording, settings)
     if arguments.mode is None and mode != settings.filter.estimator.mode:
         print(f"There is no worn camera in this run (see --worn): the mode is {mode}.", file=sys.stderr)
@@ -128,6 +130,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _resume(arguments: argparse.Namespace) -> int:
     from collabslam.runs import runner
+    from collabslam.runs.busy import busy
     from collabslam.runs.checkpoint import Checkpoint
     from collabslam.runs.results import CHECKPOINT, SUMMARY
     from collabslam.runs.run_folder import RunFolder
@@ -138,7 +141,8 @@ def _resume(arguments: argparse.Namespace) -> int:
         print(f"The run in {out} is finished; nothing is left to do.", file=sys.stderr)
         return _report(RunFolder(out).summary(), out)
     source = Checkpoint.read(out).source()
-    recording = (source if arguments.source is None else source.moved(arguments.source)).open()
+    with busy("reading the recording"):
+        recording = (source if arguments.source is None else source.moved(arguments.source)).open()
     with options.watching(recording, arguments) as watch:
         return _told(
             lambda: runner.resume(

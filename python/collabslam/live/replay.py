@@ -62,6 +62,6 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
             if pose is not None:
                 results.frame(pose)
         dropped = {f"dropped {k}": v for k, v in core.dropped.items()}
-        facts = {**dropped, "interrupted": False, "folder": str(folder)}
+        facts = {**dropped, "mode": plan.mode, "interrupted": False, "folder": str(folder)}
         results.finish(slam, facts)
     return {**results.facts, **facts}

@@ -22,6 +22,7 @@ from collabslam.runs.results import (
     COVARIANCE,
     FRAMES,
     MAP,
+    PICTURE,
     SUMMARY,
     TRAJECTORY,
     clear_folder,
@@ -86,7 +87,7 @@ class LiveResults:
         if resumed:
             self._take_up()
         else:
-            clear_folder(folder, (ENGINE, MAP, SUMMARY, *PATTERNS))
+            clear_folder(folder, (ENGINE, MAP, PICTURE, SUMMARY, *PATTERNS))
             write_text(folder / CONFIG, settings.dump(title="as used by a live run"))
             write_text(folder / FRAMES, "")
             none = np.empty(0)

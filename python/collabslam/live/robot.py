@@ -164,7 +164,12 @@ class RobotNode:
             stack.callback(clock.undeclare)
             error, interrupted = self._drive(live)
             self._line.end()
-            facts = {**self._counts(), "interrupted": interrupted, "folder": str(folder)}
+            facts = {
+                **self._counts(),
+                "mode": _mode(options),
+                "interrupted": interrupted,
+                "folder": str(folder),
+            }
             error = error or next(iter(self._unwritten.values()), None)
             try:
                 results.finish(slam, facts)

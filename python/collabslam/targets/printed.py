@@ -183,6 +183,12 @@ def board_corners(image: Image, board: Board) -> Array | None:
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
 
 
+def any_board(image: Image) -> tuple[int, int] | None:
+    """Columns and rows of inner corners of whatever checkerboard an image shows; None if it shows none."""
+    found, _, marks = cv2.findChessboardCornersSBWithMeta(image, (3, 3), cv2.CALIB_CB_LARGER)
+    return (marks.shape[1], marks.shape[0]) if found else None
+
+
 def pose_between(
     image: Image,
     camera: Camera,

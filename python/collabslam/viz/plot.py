@@ -1,7 +1,7 @@
 """Pictures of runs: the way seen from above, and the error over time beside what the filter claims.
 
 Seen from above means W's x-z plane: W is the camera's optical frame at the start, so z goes ahead (drawn to
-the right) and x to the right (drawn downwards).
+the right) and x to the right (drawn downwards).  What is in a picture, it says itself.
 """
 
 from __future__ import annotations
@@ -31,7 +31,13 @@ if TYPE_CHECKING:
 TRUTH, WORN, POINTS, LOOPS, PERSONS = "#1b1b1b", "#f2b134", "#8a94a0", "#2a9d6f", "#b97f0a"
 COLOURS = {"mono": "#d1495b", "mono-undelayed": "#b5651d", "collab-init": "#6a8d3a", "collab": "#1d6fa5",
            "collab-tight": "#5b3a8e"}  # fmt: skip
+NOT_OK = {"DEGRADED": "#e08e0b", "COASTING": "#6a737d", "LOST": "#c1121f"}
+"""Colour of each status that is not OK."""
+_OTHERS = ("#2a6f97", "#bc4b51", "#5b8e7d", "#7d4f9e", "#b5651d")
+"""Of runs whose modes are the same."""
 SIGMAS = 3.0
+_MOST_BAND = 4.0
+"""Height of the axis of errors in that of the largest error; a band that is higher is cut off, and told."""
 _ELLIPSES = 12
 _SURE_M = 0.3
 
@@ -39,14 +45,13 @@ _SURE_M = 0.3
 def plot_run(result: RunResult, path: Path) -> None:
     """Write the picture of one run: top view with covariance ellipses, error and 3-sigma below."""
     summary = result.summary
-    mode = summary["mode"]
-    figure, top, bottom = _canvas((11.0, 8.0), f"{summary['recording']}, {mode}{_verdict(summary)}")
-    colour = COLOURS.get(mode, POINTS)
+    figure, top, bottom = _canvas((11.0, 8.0), f"{summary['recording']}, {summary['mode']}", _told(summary))
+    colour = COLOURS.get(summary["mode"], POINTS)
     _truth(top, result.truth)
-    _path(top, result.record, colour, mode)
+    _path(top, result.record, colour, "the robot's way, as found")
     _loops(top, result.submaps)
     _scene(top, [result])
-    _errors(bottom, result.record, result.truth, colour, mode)
+    _errors(bottom, result.record, result.truth, colour, "")
     _dress_errors(bottom, [result])
     _save(figure, path)
 
@@ -62,13 +67,14 @@ def plot_comparison(results: Mapping[str, RunResult], path: Path, *, title: str)
     title : str
     """
     runs = list(results.values())
-    figure, top, bottom = _canvas((12.0, 7.0), title)
+    figure, top, bottom = _canvas((12.0, 7.0), title, "Seen from above, both ways from one start.")
     _truth(top, runs[-1].truth)
-    for label, result in results.items():
-        mode = result.summary["mode"]
-        colour = COLOURS.get(mode, POINTS)
+    modes = [result.summary["mode"] for result in runs]
+    alike = len(set(modes)) < len(modes)
+    colours = _OTHERS if alike else [COLOURS.get(mode, POINTS) for mode in modes]
+    for (label, result), colour in zip(results.items(), itertools.cycle(colours), strict=False):
         _path(top, result.record, colour, f"{label}{_verdict(result.summary)}")
-        _errors(bottom, result.record, result.truth, colour, mode)
+        _errors(bottom, result.record, result.truth, colour, label if alike else result.summary["mode"])
     _scene(top, runs)
     _dress_errors(bottom, runs)
     _save(figure, path)
@@ -86,11 +92,12 @@ def position_errors(record: RunRecord, truth: AlignedTruth) -> Array:
     return np.where(truth.known & record.valid, error, np.nan)
 
 
-def _canvas(size: tuple[float, float], title: str) -> tuple[Figure, Axes, Axes]:
+def _canvas(size: tuple[float, float], title: str, told: str) -> tuple[Figure, Axes, Axes]:
     """A figure of that size, inches, with the panel of the way and, below, that of the error."""
     figure = Figure(figsize=size, dpi=100)
-    figure.suptitle(title, fontsize=14, fontweight="bold", y=0.975)
-    top, bottom = figure.add_axes((0.065, 0.43, 0.915, 0.495)), figure.add_axes((0.065, 0.085, 0.915, 0.265))
+    figure.suptitle(title, fontsize=14, fontweight="bold", y=0.985)
+    figure.text(0.5, 0.932, told, ha="center", fontsize=10.5, color="#57606a")
+    top, bottom = figure.add_axes((0.065, 0.43, 0.915, 0.48)), figure.add_axes((0.065, 0.085, 0.915, 0.265))
     for axes in (top, bottom):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(color="#e6e8eb", linewidth=0.7)
@@ -98,11 +105,19 @@ def _canvas(size: tuple[float, float], title: str) -> tuple[Figure, Axes, Axes]:
     return figure, top, bottom
 
 
+def _told(summary: Mapping[str, Any]) -> str:
+    """A run in a sentence: how far it went, how far off it was or how sure it is."""
+    unit = "m" if summary["metric"] else "units of its own"
+    length = f"{summary['path_length_m']:.1f} {unit}" if summary.get("path_length_m") else "no path"
+    text = f"Seen from above: {length} in {summary['frames']} frames"
+    return f"{text}{_verdict(summary)}."
+
+
 def _verdict(summary: Mapping[str, object]) -> str:
     error, share = summary.get("avg_position_error_m"), summary.get("avg_error_pct")
     if not isinstance(error, float):
         return ""
-    return f": {error:.2f} m off on average" + (
+    return f", {error:.2f} m off on average" + (
         f" ({share:.1f} % of the path)" if isinstance(share, float) else ""
     )
 
@@ -122,7 +137,10 @@ def _path(axes: Axes, record: RunRecord, colour: str, label: str) -> None:
         covariances = position_covariances(record)
         for i in np.unique(valid[np.linspace(0, len(valid) - 1, _ELLIPSES).astype(int)]):
             _ellipse(axes, shown[i], covariances[i], colour)
-        axes.plot(*shown[valid[-1], [2, 0]], marker="o", markersize=6, color=colour, zorder=5)
+        for at, what, fill in ((valid[0], "start", "none"), (valid[-1], "end", "full")):
+            z, x = float(shown[at, 2]), float(shown[at, 0])
+            axes.plot(z, x, "o", markersize=7, color=colour, fillstyle=fill, zorder=5)
+            axes.annotate(what, (z, x), (4, 9), textcoords="offset points", fontsize=9, zorder=7)
 
 
 def _ellipse(axes: Axes, centre: Array, covariance: Array, colour: str) -> None:
@@ -145,28 +163,29 @@ def _truth(axes: Axes, truth: AlignedTruth | None) -> None:
 
 def _loops(axes: Axes, submaps: SubmapPoses | None) -> None:
     """Where submaps ended, as loops correct them; a line from each one seen to where that was."""
-    if submaps is None or not submaps.loops:
+    if submaps is None or len(submaps.poses) < 2:
         return
     p = submaps.poses[:, :3, 3]
-    axes.plot(
-        p[:, 2], p[:, 0], color=LOOPS, linewidth=1.0, marker=".", label="submaps, loops closed", zorder=4
-    )
+    name = "ends of submaps, corrected by loops" if submaps.loops else "ends of submaps"
+    style: dict[str, Any] = {"linewidth": 1.0 if submaps.loops else 0.0, "markersize": 4, "zorder": 4}
+    axes.plot(p[:, 2], p[:, 0], color=LOOPS, marker=".", label=name, **style)
     for k, loop in enumerate(submaps.loops):
         ends = p[[loop.first, loop.second]]
-        axes.plot(
-            ends[:, 2], ends[:, 0], color=LOOPS, linewidth=2.2, label="loop" if k == 0 else None, zorder=6
-        )
+        label = "place seen again (loop)" if k == 0 else None
+        axes.plot(ends[:, 2], ends[:, 0], color=LOOPS, linewidth=2.2, label=label, zorder=6)
 
 
 def _scene(axes: Axes, runs: list[RunResult]) -> None:
     """What surrounds the paths: map and worn camera of the last run, limits, labels."""
     low, high = _view_box(runs)
     last = runs[-1]
-    points = np.asarray(last.landmarks.points, np.float64).reshape(-1, 3)
-    p = np.asarray(last.landmarks.covariance, np.float64).reshape(-1, 3, 3)
+    landmarks = last.landmarks if last.submaps is None else last.submaps.landmarks
+    points = np.asarray(landmarks.points, np.float64).reshape(-1, 3)
+    p = np.asarray(landmarks.covariance, np.float64).reshape(-1, 3, 3)
     sure = np.sqrt(np.maximum(np.trace(p, axis1=1, axis2=2), 0.0)) < _SURE_M
     if sure.any():
-        axes.scatter(points[sure, 2], points[sure, 0], s=7, color=POINTS, linewidths=0, label="map", zorder=1)
+        style_of: dict[str, Any] = {"s": 7, "color": POINTS, "linewidths": 0, "zorder": 1}
+        axes.scatter(points[sure, 2], points[sure, 0], label="points of the map", **style_of)
     worn = np.where((last.record.valid & _worn(last.record))[:, None], last.record.poses[:, :3, 3], np.nan)
     if np.isfinite(worn).any():
         style: dict[str, Any] = {"color": WORN, "linewidth": 11, "alpha": 0.35, "solid_capstyle": "round"}
@@ -181,7 +200,8 @@ def _scene(axes: Axes, runs: list[RunResult]) -> None:
     unit = _unit(last)
     axes.set_xlabel(f"ahead of the start, z ({unit})")
     axes.set_ylabel(f"to the right, x ({unit})")
-    axes.legend(loc="lower left", fontsize=9, framealpha=0.9)
+    axes.add_patch(Ellipse((np.nan, np.nan), 1, 1, color=POINTS, alpha=0.3, label="3 sigma of the position"))
+    axes.legend(loc="best", fontsize=9, framealpha=0.9)
 
 
 def _persons(axes: Axes, record: RunRecord) -> None:
@@ -197,14 +217,17 @@ def _persons(axes: Axes, record: RunRecord) -> None:
 
 
 def _view_box(runs: list[RunResult]) -> tuple[Array, Array]:
-    """Corners (3,) of what the top view shows: the truth (or the estimates) with a margin.
+    """Corners (3,) of what the top view shows: truth and estimates with a margin.
 
-    A run that drifts further than that leaves the picture instead of shrinking the rest.
+    A run that drifts by more than the extent of the truth leaves the picture instead of shrinking the rest.
     """
     truths = [r.truth.poses[r.truth.known, :3, 3] for r in runs if r.truth is not None]
-    points = np.concatenate(truths or [r.record.poses[r.record.valid, :3, 3] for r in runs])
-    if not len(points):
+    points = np.concatenate([r.record.poses[r.record.valid, :3, 3] for r in runs])
+    true = np.concatenate(truths) if truths else points
+    if not len(true):
         return -np.ones(3), np.ones(3)
+    low, high = true.min(axis=0), true.max(axis=0)
+    points = np.concatenate([true, np.clip(points, low - (high - low).max(), high + (high - low).max())])
     low, high = points.min(axis=0), points.max(axis=0)
     margin = max(0.5, 0.12 * float((high - low)[[0, 2]].max()))
     return low - margin, high + margin
@@ -213,20 +236,34 @@ def _view_box(runs: list[RunResult]) -> tuple[Array, Array]:
 def _errors(axes: Axes, record: RunRecord, truth: AlignedTruth | None, colour: str, label: str) -> None:
     """Position error of the valid poses, with a band up to 3 sigma along the worst direction."""
     t = record.times - record.times[0] if len(record) else record.times
-    sigma = np.full(len(record), np.nan)
-    valid = record.valid
-    sigma[valid] = np.sqrt(np.maximum(np.linalg.eigvalsh(record.covariances[valid, :3, :3])[:, -1], 0.0))
-    axes.fill_between(
-        t, 0.0, SIGMAS * sigma, color=colour, alpha=0.14, linewidth=0, label=f"{label}, 3 sigma claimed"
-    )
+    of = f"{label}: " if label else ""
+    band = _band(record)
+    axes.fill_between(t, 0.0, band, color=colour, alpha=0.14, linewidth=0)
+    axes.plot(t, band, color=colour, linewidth=1.0, linestyle=":", label=f"{of}3 sigma, as told")
     if truth is not None:
         error = position_errors(record, truth)
-        axes.plot(t, error, color=colour, linewidth=2.0, label=f"{label}, error", zorder=3)
-    lost = np.array([s != "OK" for s in record.statuses], bool) & record.started
-    if lost.any():
-        axes.plot(
-            t[lost], np.zeros(int(lost.sum())), "x", color=colour, markersize=5, label=f"{label}, not OK"
-        )
+        axes.plot(t, error, color=colour, linewidth=2.0, label=f"{of}error", zorder=3)
+    statuses = np.array(record.statuses, dtype=object)
+    for status, shade in NOT_OK.items():
+        at = t[(statuses == status) & record.started]
+        if len(at):
+            style: dict[str, Any] = {
+                "marker": "|",
+                "markersize": 9,
+                "linewidth": 0,
+                "clip_on": False,
+                "zorder": 6,
+            }
+            axes.plot(at, np.zeros(len(at)), color=shade, label=f"{of}{status}", **style)
+
+
+def _band(record: RunRecord) -> Array:
+    """(N,) 3 sigma of the position along its worst direction; NaN where there is no pose."""
+    band = np.full(len(record), np.nan)
+    valid = record.valid
+    largest = np.linalg.eigvalsh(record.covariances[valid, :3, :3])[:, -1]
+    band[valid] = SIGMAS * np.sqrt(np.maximum(largest, 0.0))
+    return band
 
 
 def _worn(record: RunRecord) -> Mask:
@@ -247,17 +284,20 @@ def _worn_spans(axes: Axes, record: RunRecord) -> None:
 
 
 def _dress_errors(axes: Axes, runs: list[RunResult]) -> None:
-    """Worn camera, labels, and a range that shows the errors: a band that outgrows them is cut off."""
+    """Worn camera, labels, and a range that shows errors and bands; what is far above errors is cut."""
     _worn_spans(axes, runs[-1].record)
-    largest = 0.0
-    for run in runs:
-        if run.truth is not None:
-            error = position_errors(run.record, run.truth)
-            largest = max(largest, float(error[np.isfinite(error)].max(initial=0.0)))
-    axes.set_ylim(0.0, 1.6 * largest if largest > 0.0 else None)
+    errors = [position_errors(run.record, run.truth) for run in runs if run.truth is not None]
+    bands = [_band(run.record) for run in runs]
+    largest, highest = (float(np.nanmax(np.concatenate([*of, [0.0]]))) for of in (errors, bands))
+    unit = _unit(runs[-1])
+    top = highest if largest == 0.0 else min(highest, _MOST_BAND * largest)
+    top = max(1.15 * largest, 1.08 * top)
+    axes.set_ylim(0.0, top if top > 0.0 else None)
+    if highest > top > 0.0:
+        note = f"3 sigma goes up to {highest:.2g} {unit}"
+        axes.text(0.995, 0.96, note, transform=axes.transAxes, ha="right", va="top", fontsize=9)
     axes.margins(x=0.0)
     axes.set_xlabel("time (s)")
-    unit = _unit(runs[-1])
     axes.set_ylabel(f"position error ({unit})" if largest > 0.0 else f"3 sigma of the position ({unit})")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="upper left", fontsize=9, ncols=3, framealpha=0.9)

@@ -50,8 +50,11 @@ def test_pictures_of_a_board_give_the_camera(pictures: list[np.ndarray]) -> None
 
 
 def test_too_few_boards_are_named(pictures: list[np.ndarray]) -> None:
-    with pytest.raises(DataError, match="Only 0 of 14 pictures show a board of 8 x 6"):
+    with pytest.raises(DataError, match=r"a 7x5 board is in view in .*; give --board 7x5:0\.03"):
         calibrate_camera(len(pictures), pictures.__getitem__, Board(8, 6, 0.03))
+    blank = np.full((360, 480), 90, np.uint8)
+    with pytest.raises(DataError, match="Only 0 of 30 pictures show a board of 8 x 6"):
+        calibrate_camera(30, lambda i: blank, Board(8, 6, 0.03))
     with pytest.raises(DataError, match="Only 3 of 3"):
         calibrate_camera(3, pictures.__getitem__, BOARD)
     with pytest.raises(DataError, match="different sizes"):
@@ -84,7 +87,7 @@ def test_init_calibrates_a_folder_and_a_video(
             open_recording(source, camera=tmp_path / out / "camera.yaml", times=_times(tmp_path)) is not None
         )
     assert cli.main(["init", str(folder), "--out", str(tmp_path / "c"), "--board", "9x6:0.03"]) == 2
-    assert "Only 0 of 14" in capsys.readouterr().err
+    assert "a 7x5 board is in view in" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])

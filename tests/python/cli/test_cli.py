@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from helpers.stand_ins import FakeSlam, Walk
@@ -20,6 +21,7 @@ from collabslam.datasets.opening import open_recording
 from collabslam.errors import DataError, FilterError, SettingsError
 from collabslam.runs import runner
 from collabslam.runs.plan import MODE_KEY, Output, Plan
+from collabslam.runs.read_back import read_run
 from collabslam.runs.report import median_summary, summary_text, untrusted_text
 from collabslam.runs.summary import is_trusted
 from collabslam.settings.table import Settings
@@ -84,9 +86,12 @@ def test_two_runs_write_the_same_bytes(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_two_pictures_of_a_run_are_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
-        plot_run(runner.run(Walk(), slam=FakeSlam(Walk())), tmp_path / name)
+        plot_run(runner.run(Walk(), slam=FakeSlam(Walk()), out=tmp_path / "run"), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    plot_run(read_run(tmp_path / "run"), tmp_path / "c.png")  # its files tell all that the picture shows
+    a, c = (cv2.imread(str(tmp_path / name)).astype(int) for name in ("a.png", "c.png"))
+    assert (np.abs(a - c).max(axis=2) > 8).mean() < 1e-3
 
 
 def test_mode_and_settings_agree(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 from helpers.in_step import InStep
 
 from collabslam import Camera, DataError, Settings, Slam
+from collabslam.cli.live_robot import draw
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.live import link
 from collabslam.live.downlink import Downlink
@@ -23,6 +24,7 @@ from collabslam.live.link import Address
 from collabslam.live.record import EventWriter
 from collabslam.live.results import ENGINE, LiveResults, written_frames
 from collabslam.live.robot import RobotNode, RobotOptions, check_cameras
+from collabslam.runs.read_back import read_run
 from collabslam.types import Frame, Image
 from collabslam_lab.reliability.attacks.live_folders import DAMAGES
 
@@ -162,3 +164,15 @@ def test_an_earlier_runs_checkpoint_does_not_outlive_it(driven: Path, tmp_path: 
     LiveResults(out, Settings.default(), "metres").close()
     assert not (out / ENGINE).exists()
     assert not (out / "summary.json").exists()
+
+
+def test_a_live_run_is_drawn_from_its_files(clip: Clip, tmp_path: Path) -> None:
+    summary = drive(Alone(clip), tmp_path / "live")
+    read = read_run(tmp_path / "live")
+    assert len(read.record) == summary["frames"] == FRAMES
+    assert read.summary["mode"] == "mono"
+    draw(tmp_path / "live")
+    assert (tmp_path / "live" / "trajectory.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "live" / "frames.csv").write_text("index,t\n0,1\n")
+    with pytest.raises(DataError, match="is damaged"):
+        read_run(tmp_path / "live")
