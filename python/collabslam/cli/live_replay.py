@@ -27,6 +27,6 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.live.replay import replay
 
     summary = replay(arguments.record, arguments.out, overwrite=arguments.overwrite)
-    draw(Path(summary["folder"]))
     print(report(summary))
+    draw(Path(summary["folder"]))
     return OK

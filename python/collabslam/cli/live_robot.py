@@ -106,8 +106,8 @@ def main(arguments: argparse.Namespace) -> int:
     )
     with link.open_robot(address, keys) as session:
         summary = RobotNode(session, camera, asked).run()
-    draw(Path(summary["folder"]))
     print(report(summary))
+    draw(Path(summary["folder"]))
     return OK
 
 

@@ -20,6 +20,7 @@ from collabslam.geometry import pose_from_quaternion
 from collabslam.results import Landmarks, Loop, StepResult, SubmapPoses
 from collabslam.runs.folder import CONFIG
 from collabslam.runs.results import (
+    COVARIANCE,
     FRAMES,
     GROUND_TRUTH,
     MAP,
@@ -58,12 +59,14 @@ def read_run(folder: Path) -> RunResult:
         landmarks = read_ply(folder / MAP)
         submaps = _submaps(folder, summary, record)
         return RunResult(summary, record, _truth(folder, record), landmarks, folder, submaps)
+    except DataError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} is damaged ({FRAMES} or {SUMMARY}); run the recording again.") from error
 
 
 def _record(run: RunFolder, *, metric: bool) -> RunRecord:
-    times, _, covariances = run.trajectory()
+    times, covariances = read_covariances(run.path / COVARIANCE)
     known = dict(zip((f"{t:.9f}" for t in times), covariances, strict=True))
     record = RunRecord()
     for row in run.frames():

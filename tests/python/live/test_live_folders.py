@@ -173,6 +173,10 @@ def test_a_live_run_is_drawn_from_its_files(clip: Clip, tmp_path: Path) -> None:
     assert read.summary["mode"] == "mono"
     draw(tmp_path / "live")
     assert (tmp_path / "live" / "trajectory.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "live" / "trajectory.cov").write_text("")
+    (tmp_path / "live" / "trajectory.tum").write_text("")
+    assert not np.isfinite(read_run(tmp_path / "live").record.covariances).any()
+    draw(tmp_path / "live")  # of a run that never started there is a picture, too
     (tmp_path / "live" / "frames.csv").write_text("index,t\n0,1\n")
     with pytest.raises(DataError, match="is damaged"):
         read_run(tmp_path / "live")
