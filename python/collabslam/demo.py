@@ -11,7 +11,7 @@ from collabslam.runs.folder import is_result_folder, numbered
 from collabslam.runs.plan import Output
 from collabslam.runs.progress import Progress
 from collabslam.runs.report import median_summary, number, side_by_side
-from collabslam.runs.results import write_summary
+from collabslam.runs.results import COMPARISON, write_summary
 from collabslam.runs.runner import RunResult, run
 from collabslam.settings.table import Settings
 from collabslam.simulation.held import HeldRecording
@@ -19,7 +19,6 @@ from collabslam.simulation.recording import demo_recording
 from collabslam.types import Recording
 
 MODES = ("mono", "collab")
-PICTURE = "comparison.png"
 
 Summary = dict[str, Any]
 
@@ -75,7 +74,7 @@ def run_demo(
             from collabslam.viz.plot import plot_comparison
 
             labels = {f"{mode} ({_CAPTIONS[mode]})": result for mode, result in results.items()}
-            plot_comparison(labels, out / PICTURE, title=_TITLE)
+            plot_comparison(labels, out / COMPARISON, title=_TITLE)
             if animation is not None:
                 from collabslam.viz.animation import animate
 
@@ -84,7 +83,7 @@ def run_demo(
     if len(seeds) > 1:
         write_summary(out / "medians.json", medians)
     print(comparison_text(medians, seeds))
-    print(f"  results {f'and {PICTURE} ' if pictures else ''}are in {out}")
+    print(f"  results {f'and {COMPARISON} ' if pictures else ''}are in {out}")
     return medians
 
 

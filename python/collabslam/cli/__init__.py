@@ -18,6 +18,7 @@ COMMANDS = {
     "info": "say what a recording holds",
     "check-calib": "say whether calibration, poses and time stamps agree with the images",
     "calibrate-person": "measure how the person who wears Cf is built, with a checkerboard",
+    "compare": "set two runs beside each other, with a picture",
     "doctor": "explain in sentences why a run went well or badly",
     "export": "write a run's trajectory or map in another format",
     "settings": "list, write or check settings",

@@ -187,6 +187,8 @@ def _activity(record: RunRecord, aligned: AlignedTruth | None, metric: bool) -> 
         "frames_valid": int(record.valid.sum()),
         "frames_scored": 0 if aligned is None else int((aligned.known & record.valid).sum()),
         "frames_worn": int(np.sum(record.worn)),
+        "duration_s": float(record.times[-1] - record.times[0]) if frames else 0.0,
+        "position_sd_final_m": _position_sd(record) if metric else None,
         "coverage": headline.coverage(record),
         "ok_share": good / frames if frames else None,
         "status_final": str(statuses[-1]) if frames else None,
@@ -199,6 +201,12 @@ def _activity(record: RunRecord, aligned: AlignedTruth | None, metric: bool) -> 
         "births_instant": _total(record, "births_instant"),
         "nis_per_dof": float(nis[used].sum() / dof[used].sum()) if used.any() else None,
     }
+
+
+def _position_sd(record: RunRecord) -> float | None:
+    """Standard deviation of the last position that may be used, over all axes."""
+    valid = np.flatnonzero(record.valid)
+    return float(np.sqrt(np.trace(record.covariances[valid[-1], :3, :3]))) if len(valid) else None
 
 
 def _largest(values: Array) -> float | None:

@@ -27,7 +27,10 @@ LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
     ("frames OK", lambda s: f"{s['frames_ok']} of {s['frames']} ({number(s['ok_share'], 1, '%', 100.0)})"),
     ("false OK (over 5 sigma off)", lambda s: number(s["false_ok_share"], 1, "%", 100.0)),
     ("status at the end", lambda s: str(s["status_final"])),
-    ("path length", lambda s: number(s["path_length_m"], 2, "m")),
+    ("path length", lambda s: _path(s)),
+    ("duration, speed", lambda s: _speed(s)),
+    ("position at the end known to", lambda s: number(s.get("position_sd_final_m"), 3, "m (1 sigma)")),
+    ("worn camera Cf", lambda s: _worn(s)),
     ("ATE, all frames", lambda s: _all_frames(s)),
     ("average position error", lambda s: _with_share(s["avg_position_error_m"], s["avg_error_pct"])),
     ("final position error", lambda s: _with_share(s["final_position_error_m"], s["final_error_pct"])),
@@ -65,7 +68,7 @@ def stage_ms(summary: Summary, stage: str) -> float | None:
 
 
 def summary_text(summary: Summary) -> str:
-    """The summary of one run as a short table."""
+    """The summary of one run as a short table, without what it does not have, as errors without a truth."""
     head = f"{summary['recording']}, {summary['mode']}, start {summary['start']}"
     if summary["start_frame"] is None:
         head += " (the filter never started)"
@@ -73,7 +76,7 @@ def summary_text(summary: Summary) -> str:
         head += f" (interrupted after {summary['frames']} frames)"
     if not summary["metric"]:
         head += f" (lengths are in {summary['unit']}, not metres)"
-    rows = [[label, text(summary)] for label, text in LINES]
+    rows = [[label, said] for label, text in LINES if (said := text(summary)) != _MISSING]
     return head + "\n" + text_table([*rows, *_gyro(summary), *_level(summary), *_persons(summary)])
 
 
@@ -163,6 +166,29 @@ def _stage(summary: Summary, stage: str) -> str:
     if value is None or not step:
         return _MISSING
     return f"{value:.1f} ms ({100.0 * value / step:.0f} %)"
+
+
+def _path(summary: Summary) -> str:
+    """How far, by the truth or by itself."""
+    length = number(summary["path_length_m"], 2, "m")
+    own = length != _MISSING and summary.get("path_length_of") == "estimate"
+    return f"{length}, by its own poses" if own else length
+
+
+def _speed(summary: Summary) -> str:
+    seconds, metres = summary.get("duration_s"), summary["path_length_m"]
+    if not seconds:
+        return _MISSING
+    return f"{seconds:.1f} s" + (f", {metres / seconds:.2f} m/s" if metres is not None else "")
+
+
+def _worn(summary: Summary) -> str:
+    """What Cf did."""
+    frames = summary.get("frames_worn")
+    if not frames:
+        return _MISSING
+    born = summary.get("births_instant", 0)
+    return f"in {frames} of {summary['frames']} frames; {born} points got their depth by it"
 
 
 def _all_frames(summary: Summary) -> str:

@@ -46,6 +46,7 @@ from collabslam.types import Array
 
 FRAMES, TRAJECTORY, COVARIANCE = "frames.csv", "trajectory.tum", "trajectory.cov"
 GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"
+COMPARISON = "comparison.png"
 SUBMAPS, SUBMAPS_COVARIANCE = "submaps.tum", "submaps.cov"
 CORRECTED, WHOLE_MAP = "corrected.tum", "whole_map.ply"
 LEVEL_TRAJECTORY, LEVEL_COVARIANCE, LEVEL_MAP = "level.tum", "level.cov", "level.ply"
@@ -68,7 +69,7 @@ AT_THE_END = (
     SUMMARY,
 )
 RESULT_FILES = (CONFIG, FRAMES, TRAJECTORY, COVARIANCE, *AT_THE_END)
-_OWN = (*RESULT_FILES, CHECKPOINT, TRACEBACK)
+_OWN = (*RESULT_FILES, CHECKPOINT, COMPARISON, TRACEBACK)
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 DIAGNOSTICS = (

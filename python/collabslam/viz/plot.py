@@ -48,7 +48,7 @@ def plot_run(result: RunResult, path: Path) -> None:
     figure, top, bottom = _canvas((11.0, 8.0), f"{summary['recording']}, {summary['mode']}", _told(summary))
     colour = COLOURS.get(summary["mode"], POINTS)
     _truth(top, result.truth)
-    _path(top, result.record, colour, "the robot's way, as found")
+    _path(top, result.record, colour, "the robot's way, as found", ends=True)
     _loops(top, result.submaps)
     _scene(top, [result])
     _errors(bottom, result.record, result.truth, colour, "")
@@ -73,8 +73,8 @@ def plot_comparison(results: Mapping[str, RunResult], path: Path, *, title: str)
     alike = len(set(modes)) < len(modes)
     colours = _OTHERS if alike else [COLOURS.get(mode, POINTS) for mode in modes]
     for (label, result), colour in zip(results.items(), itertools.cycle(colours), strict=False):
-        _path(top, result.record, colour, f"{label}{_verdict(result.summary)}")
-        _errors(bottom, result.record, result.truth, colour, label if alike else result.summary["mode"])
+        _path(top, result.record, colour, f"{label}{_verdict(result.summary)}", ends=len(runs) == 1)
+        _errors(bottom, result.record, result.truth, colour, label.partition(" (")[0])
     _scene(top, runs)
     _dress_errors(bottom, runs)
     _save(figure, path)
@@ -97,7 +97,7 @@ def _canvas(size: tuple[float, float], title: str, told: str) -> tuple[Figure, A
     figure = Figure(figsize=size, dpi=100)
     figure.suptitle(title, fontsize=14, fontweight="bold", y=0.985)
     figure.text(0.5, 0.932, told, ha="center", fontsize=10.5, color="#57606a")
-    top, bottom = figure.add_axes((0.065, 0.43, 0.915, 0.48)), figure.add_axes((0.065, 0.085, 0.915, 0.265))
+    top, bottom = figure.add_axes((0.075, 0.43, 0.905, 0.48)), figure.add_axes((0.075, 0.085, 0.905, 0.265))
     for axes in (top, bottom):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(color="#e6e8eb", linewidth=0.7)
@@ -108,7 +108,9 @@ def _canvas(size: tuple[float, float], title: str, told: str) -> tuple[Figure, A
 def _told(summary: Mapping[str, Any]) -> str:
     """A run in a sentence: how far it went, how far off it was or how sure it is."""
     unit = "m" if summary["metric"] else "units of its own"
-    length = f"{summary['path_length_m']:.1f} {unit}" if summary.get("path_length_m") else "no path"
+    if summary.get("start_frame", 0) is None:
+        return f"The filter never started in {summary['frames']} frames."
+    length = f"{summary['path_length_m']:.1f} {unit}" if summary.get("path_length_m") else "no way known"
     text = f"Seen from above: {length} in {summary['frames']} frames"
     return f"{text}{_verdict(summary)}."
 
@@ -127,7 +129,7 @@ def _unit(result: RunResult) -> str:
     return "m" if result.summary["metric"] else "arbitrary unit"
 
 
-def _path(axes: Axes, record: RunRecord, colour: str, label: str) -> None:
+def _path(axes: Axes, record: RunRecord, colour: str, label: str, *, ends: bool) -> None:
     """The valid poses, with the 3-sigma ellipse of some of them; the gaps are where none is valid."""
     use = record.valid
     shown = np.where(use[:, None], record.poses[:, :3, 3], np.nan)
@@ -140,7 +142,8 @@ def _path(axes: Axes, record: RunRecord, colour: str, label: str) -> None:
         for at, what, fill in ((valid[0], "start", "none"), (valid[-1], "end", "full")):
             z, x = float(shown[at, 2]), float(shown[at, 0])
             axes.plot(z, x, "o", markersize=7, color=colour, fillstyle=fill, zorder=5)
-            axes.annotate(what, (z, x), (4, 9), textcoords="offset points", fontsize=9, zorder=7)
+            if ends:
+                axes.annotate(what, (z, x), (4, 9), textcoords="offset points", fontsize=9, zorder=7)
 
 
 def _ellipse(axes: Axes, centre: Array, covariance: Array, colour: str) -> None:

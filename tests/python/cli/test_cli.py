@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -20,6 +21,7 @@ from collabslam.datasets import FirstFrames
 from collabslam.datasets.opening import open_recording
 from collabslam.errors import DataError, FilterError, SettingsError
 from collabslam.runs import runner
+from collabslam.runs.comparison import on_first
 from collabslam.runs.plan import MODE_KEY, Output, Plan
 from collabslam.runs.read_back import read_run
 from collabslam.runs.report import median_summary, summary_text, untrusted_text
@@ -92,6 +94,38 @@ def test_two_pictures_of_a_run_are_the_same_bytes(tmp_path: Path) -> None:
     plot_run(read_run(tmp_path / "run"), tmp_path / "c.png")  # its files tell all that the picture shows
     a, c = (cv2.imread(str(tmp_path / name)).astype(int) for name in ("a.png", "c.png"))
     assert (np.abs(a - c).max(axis=2) > 8).mean() < 1e-3
+
+
+@pytest.mark.slow
+def test_two_runs_stand_beside_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = Settings.default().replace({"filter.map.in_view": 25})
+    runner.run(Walk(), slam=FakeSlam(Walk()), out=tmp_path / "a")
+    runner.run(Walk(), slam=FakeSlam(Walk(), scale=1.1), out=tmp_path / "b", settings=other)
+    assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"average position error +\S+ m .* \S+ m ", printed)
+    assert "filter.map.in_view: 40 and 25" in printed
+    first, second = (read_run(tmp_path / name) for name in "ab")
+    second, frames = on_first(first, second)
+    apart = np.linalg.norm(
+        second.record.poses[frames[:, 1], :3, 3] - first.record.poses[frames[:, 0], :3, 3], axis=1
+    )
+    assert apart[0] == pytest.approx(0.0, abs=1e-9)
+    assert f"{apart.max():.3f} m at most" in printed
+    assert apart[-1] > 0.1
+    assert (tmp_path / "b" / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path)]) == 2
+
+
+def test_a_run_without_truth_says_what_it_knows(tmp_path: Path) -> None:
+    walk = Walk()
+    walk.truth = None
+    summary = go(walk, slam=FakeSlam(Walk()))
+    said = summary_text(summary)
+    assert re.search(r"path length +[0-9.]+ m, by its own poses", said)
+    assert re.search(r"duration, speed +[0-9.]+ s, [0-9.]+ m/s", said)
+    assert re.search(r"worn camera Cf +in 15 of 30 frames", said)
+    assert not re.search(" -$", said, re.MULTILINE)
 
 
 def test_mode_and_settings_agree(tmp_path: Path) -> None:
