@@ -30,6 +30,7 @@ from collabslam.cli import COMMANDS
 from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.calibration import sensor_mapping
+from collabslam.simulation.recording import demo_recording
 from collabslam.types import Frame
 from collabslam_lab import worn_cameras
 from collabslam_lab.benchmark import evaluate
@@ -228,6 +229,15 @@ def test_python_runs(page: Path, there: Path) -> None:
     names: dict[str, object] = {}
     for block in blocks(page, "python"):
         exec(compile(block, str(page), "exec"), names)
+
+
+def test_the_tutorial_tells_of_the_demo_as_it_is() -> None:
+    recording = demo_recording(0)
+    metres = np.linalg.norm(np.diff(recording.truth[:, :3, 3], axis=0), axis=1).sum()
+    speed = metres / (recording.times[-1] - recording.times[0])
+    words = " ".join((ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8").split())
+    assert f"go {metres:.0f} m down a corridor at {speed:.1f} m/s" in words
+    assert f"every one of the {len(recording)} frames" in words
 
 
 def test_every_command_is_documented_somewhere() -> None:
