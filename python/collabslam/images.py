@@ -1,16 +1,19 @@
-"""Images of any camera as the grey images that the filter takes."""
+"""Images of any camera as the grey images that the filter takes, and masks of what is never scene in them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from collabslam._core import Camera
 from collabslam.errors import InputError
-from collabslam.types import Image
+from collabslam.types import Image, Mask, Masks
 
 ORDERS = ("rgb", "bgr")
+LEAST = 0.05
+"""Least share of the image that a mask leaves: less is one whose colours are exchanged."""
 
 
 def to_grey(image: Any, bits: int | None = None, *, order: str = "rgb") -> Image:
@@ -127,3 +130,67 @@ def check_grey(image: Any, camera: Camera, name: str) -> Image:
             f"{camera.width} x {camera.height}; scale the calibration or the images."
         )
     return np.ascontiguousarray(image)
+
+
+def check_mask(mask: Any, camera: Camera, whose: str = "mask") -> Mask:
+    """A mask as True where there may be scene.
+
+    Parameters
+    ----------
+    mask : (H, W) bool or uint8
+        False or 0, black, is never scene. The other value, one alone, may be.
+    camera : Camera
+        Whose images it is for.
+    whose : str
+        What to call it in messages.
+
+    Returns
+    -------
+    (H, W) bool
+
+    Raises
+    ------
+    InputError
+        If it is no such array, of another size, has more than two values, or leaves hardly anything.
+    """
+    if not isinstance(mask, np.ndarray) or mask.ndim != 2 or mask.dtype not in (np.bool_, np.uint8):
+        kind = f"{mask.shape} {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise InputError(
+            f"The {whose} is {kind}; give a (H, W) array of bool or uint8, 0 where never is scene."
+        )
+    if mask.shape != (camera.height, camera.width):
+        raise InputError(
+            f"The {whose} is {mask.shape[1]} x {mask.shape[0]} pixels, its camera's images are "
+            f"{camera.width} x {camera.height}; make it of one of them."
+        )
+    scene = mask != 0
+    if len(values := np.unique(mask[scene])) > 1:
+        raise InputError(
+            f"The {whose} has {len(values)} values beside 0; give 0 where never is scene and 255 elsewhere, "
+            "as a PNG file keeps them (JPEG does not)."
+        )
+    if scene.mean() < LEAST:
+        raise InputError(
+            f"The {whose} leaves {100.0 * float(scene.mean()):.0f} % of the image; 0, black, is what is "
+            "never scene: exchange its colours."
+        )
+    return np.ascontiguousarray(scene)
+
+
+def check_masks(
+    camera: Camera,
+    worn_cameras: Mapping[str, Camera],
+    mask: Mask | Image | None,
+    worn_mask: Mask | Image | Mapping[str, Mask | Image] | None,
+) -> Masks:
+    """The masks that are given of Cs and Cf, each as `check_mask` has it; raises InputError."""
+    given = dict(worn_mask) if isinstance(worn_mask, Mapping) else {"": worn_mask}
+    of_worn = {}
+    for name, one in given.items():
+        if one is None:
+            continue
+        if name not in worn_cameras:
+            known = ", ".join(map(repr, worn_cameras)) or "no worn camera"
+            raise InputError(f"There is a mask of the worn camera {name!r}; there is {known}.")
+        of_worn[name] = check_mask(one, worn_cameras[name], f"mask of Cf{f' ({name})' if name else ''}")
+    return Masks(None if mask is None else check_mask(mask, camera, "mask"), of_worn)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import enum
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Protocol
 
@@ -75,6 +75,27 @@ class WornView:
     bias: Array | None = None
     t: float | None = None
     who: str = ""
+
+
+@dataclass(frozen=True)
+class Masks:
+    """What is never scene in the cameras' images; True where there may be scene.
+
+    Attributes
+    ----------
+    robot : (H, W) bool or None
+        Of Cs; None where all may be scene.
+    worn : mapping of (H, W) bool
+        Of worn cameras that have one, by name.
+    """
+
+    robot: Mask | None = None
+    worn: Mapping[str, Mask] = field(default_factory=dict)
+
+    @property
+    def any(self) -> bool:
+        """Whether there is one."""
+        return self.robot is not None or bool(self.worn)
 
 
 @dataclass(frozen=True)
@@ -302,3 +323,9 @@ def worn_cameras(recording: Recording) -> dict[str, Camera]:
     if named is not None:
         return dict(named)
     return {} if recording.worn_camera is None else {"": recording.worn_camera}
+
+
+def masks_of(recording: Recording) -> Masks:
+    """What is never scene in a recording's images."""
+    masks: Masks = getattr(recording, "masks", Masks())
+    return masks

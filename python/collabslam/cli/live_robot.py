@@ -76,7 +76,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run until the camera ends or Ctrl-C."""
-    from collabslam.datasets.calibration import load_camera
+    from collabslam.datasets.calibration import load_unmasked
     from collabslam.datasets.ros.sensors import read_sensors
     from collabslam.live import link
     from collabslam.live.cameras import open_camera
@@ -93,7 +93,7 @@ def main(arguments: argparse.Namespace) -> int:
         start=arguments.start,
         targets=(*arguments.tag, *arguments.board),
         persons=arguments.persons,
-        worn_cameras={name: load_camera(file) for name, file in worn_cameras.items()},
+        worn_cameras={name: load_unmasked(file) for name, file in worn_cameras.items()},
         sensors=None if arguments.sensors is None else read_sensors(arguments.sensors),
         record=arguments.record,
         devices=None if keys is None else keys.devices,

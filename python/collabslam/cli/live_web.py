@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    from collabslam.datasets.calibration import load_camera
+    from collabslam.datasets.calibration import load_unmasked
     from collabslam.errors import SettingsError
     from collabslam.live import link
     from collabslam.live.gateway import Gateway
@@ -42,7 +42,7 @@ def main(arguments: argparse.Namespace) -> int:
     certificate = arguments.certificate or (keys.folder if keys is not None else None)
     if certificate is None:
         raise SettingsError("The pages need a certificate; make one with 'live keys DIR --web HOST'.")
-    camera = None if arguments.camera is None else load_camera(arguments.camera)
+    camera = None if arguments.camera is None else load_unmasked(arguments.camera)
     name = WEB if keys is None else keys.name
     robot = link.Address.parse(arguments.robot)
     with link.open_device(robot, keys) as session, contextlib.suppress(KeyboardInterrupt):

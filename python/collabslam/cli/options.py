@@ -48,6 +48,12 @@ def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         type=Path,
         help="calibration of Cs (of Kalibr, OpenCV, ROS, ORB-SLAM, COLMAP, ..)",
     )
+    group.add_argument(
+        "--mask",
+        metavar="IMAGE",
+        type=Path,
+        help="what is never scene in the images of Cs, as the robot's own arm: black there, white elsewhere",
+    )
     group.add_argument("--times", metavar="FILE", type=Path, help="time stamps in any unit, one a line")
     group.add_argument(
         "--poses",
@@ -159,6 +165,13 @@ def add_worn(parser: argparse.ArgumentParser) -> None:
     )
     worn.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise of T_CF (default 0)")
     worn.add_argument(
+        "--worn-mask",
+        metavar="[NAME=]IMAGE",
+        type=of_person(Path),
+        action="append",
+        help="as --mask, of the images of Cf; of several persons NAME's, and may be repeated",
+    )
+    worn.add_argument(
         "--worn-calibration",
         metavar="[NAME=]FILE",
         type=of_person(Path),
@@ -236,7 +249,15 @@ def source_of(arguments: argparse.Namespace) -> Source:
     named_axes = {"poses": arguments.poses_axes, "t_cf": arguments.t_cf_axes}
     axes = {of: axes for of, axes in named_axes.items() if axes is not None}
     topics = {**(arguments.topics or {}), **named}
-    given = Given(*files, topics, odometry_of(arguments), arguments.depth_scale, axes, gyro_of(arguments))
+    given = Given(
+        *files,
+        topics,
+        odometry_of(arguments),
+        arguments.depth_scale,
+        axes,
+        gyro_of(arguments),
+        arguments.mask,
+    )
     return Source(arguments.source, given)
 
 
@@ -286,12 +307,15 @@ def source_with_worn(arguments: argparse.Namespace) -> Source:
         bias_per_block=arguments.worn_bias_per_block,
     )
     corrected = by_person("--worn-calibration", arguments.worn_calibration or [])
-    return dataclasses.replace(source_of(arguments), worn=worn, worn_calibrations=corrected)
+    masks = by_person("--worn-mask", arguments.worn_mask or [])
+    return dataclasses.replace(source_of(arguments), worn=worn, worn_calibrations=corrected, worn_masks=masks)
 
 
 def notes_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """How the worn camera was made, for the summary."""
     given = {k: v for k, v in vars(arguments).items() if k.startswith("worn") and v is not None}
+    if arguments.mask is not None:
+        given["mask"] = arguments.mask
     return given | {"seed": arguments.seed}
 
 

@@ -61,12 +61,15 @@ class Calibration:
         Counts of a depth image at one metre.
     t_bs : (4, 4) float64 or None
         Maps points of the sensor into the body, metres.
+    mask : Path or None
+        Image of what is never scene in the camera's own; see `collabslam.datasets.masks`.
     """
 
     camera: Camera
     rate: float | None = None
     depth_scale: float | None = None
     t_bs: Array | None = None
+    mask: Path | None = None
 
 
 def is_rectified(topic: str) -> bool:
@@ -88,7 +91,18 @@ def of_keys(keys: Keys, topic: str = "") -> Calibration:
     t_bs = None
     if keys.has("T_BS"):
         t_bs = _transform(keys, "T_BS")
-    return Calibration(program(keys, topic), rate, depth_scale, t_bs)
+    mask = _mask(keys) if keys.has("mask") else None
+    return Calibration(program(keys, topic), rate, depth_scale, t_bs, mask)
+
+
+def _mask(keys: Keys) -> Path:
+    """The file that the key ``mask`` names; a calibration of others reaches no file but in its own folder."""
+    name = keys.take("mask")
+    if not isinstance(name, str) or not re.fullmatch(r"[^/\\\0]{1,255}", name) or name in (".", ".."):
+        raise DataError(
+            f"The key 'mask' of {keys.where} is no name of an image beside it; give one, as mask: hood.png."
+        )
+    return Path(name)
 
 
 def _transform(keys: Keys, name: str) -> Array:
@@ -336,7 +350,7 @@ def read_calibration(path: Path, *, name: str | None = None, topic: str = "") ->
         if not cameras:
             if name is not None:
                 raise DataError(f"The calibration {path} has no camera '{name}'; it is of one camera alone.")
-            return of_keys(keys, topic)
+            return _placed(of_keys(keys, topic), path)
         beside = next((n for n in (path.stem, path.parent.name, "cam0") if n in cameras), cameras[0])
         chosen = name or _of_topic(keys, cameras, topic) or beside
         if chosen not in cameras:
@@ -345,7 +359,12 @@ def read_calibration(path: Path, *, name: str | None = None, topic: str = "") ->
             found = of_keys(block, topic)
         keys.leave(*cameras, why=f"other cameras than {chosen}")
         rate = _positive(keys, *_RATE)
-    return found if rate is None else replace(found, rate=rate)
+    return _placed(found if rate is None else replace(found, rate=rate), path)
+
+
+def _placed(found: Calibration, path: Path) -> Calibration:
+    """With its mask beside the file."""
+    return found if found.mask is None else replace(found, mask=path.parent / found.mask)
 
 
 def _of_topic(keys: Keys, cameras: list[str], topic: str) -> str | None:
@@ -368,6 +387,17 @@ def _images(topic: str) -> str:
 def load_camera(path: Path | str, name: str | None = None, topic: str = "") -> Camera:
     """The camera of a calibration file; see `read_calibration`."""
     return read_calibration(Path(path), name=name, topic=topic).camera
+
+
+def load_unmasked(path: Path | str, name: str | None = None, topic: str = "") -> Camera:
+    """As `load_camera`, where no mask can be used; raises DataError if the file names one."""
+    found = read_calibration(Path(path), name=name, topic=topic)
+    if found.mask is not None:
+        raise DataError(
+            f"The calibration {path} names a mask, which a live run does not read; take the key "
+            "'mask' out, or give LiveSlam a Slam(mask=...)."
+        )
+    return found.camera
 
 
 def pinhole_camera(k: Array, size: tuple[int, int], path: Path | str) -> Camera:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.imu.beside import GyroGiven, imu_log
+from collabslam.datasets.masks import masks_beside
 from collabslam.datasets.odometry import OdometryGiven, read_odometry
 from collabslam.datasets.ordered import DiskRecording, in_order
 from collabslam.datasets.overrides import Given
@@ -125,7 +126,7 @@ def is_known(path: Path) -> bool:
     return True
 
 
-def open_recording(
+def open_recording(  # noqa: PLR0913 (each is an input of its own)
     source: str | Path,
     *,
     camera: str | Path | None = None,
@@ -135,6 +136,7 @@ def open_recording(
     sensors: Iterable[OdometryGiven | GyroGiven] = (),
     depth_scale: float | None = None,
     axes: Mapping[str, str] | None = None,
+    mask: str | Path | None = None,
 ) -> DiskRecording:
     """Open a recording; its layout is recognised from the files.
 
@@ -164,14 +166,17 @@ def open_recording(
         Camera axes of the ``poses``, and of both sides of the measured ``t_cf``: ``optical`` (x right, y
         down, z forward), ``opengl`` (x right, y up, z back; ARKit, ARCore, Blender) or ``ros`` (x forward, y
         left, z up).
+    mask
+        Image of what is never scene in those of Cs, as the robot's own arm: black there, one other grey level
+        elsewhere; in place of the one that the calibration names (key ``mask``).
 
     Raises
     ------
     DataError
         If the recording is missing, no layout fits, or a file is missing, broken or of the wrong size.
     """
-    camera, times, poses = (None if p is None else Path(p) for p in (camera, times, poses))
-    given = Given(camera, times, poses, dict(topics or {}), None, depth_scale, dict(axes or {}))
+    camera, times, poses, mask = (None if p is None else Path(p) for p in (camera, times, poses, mask))
+    given = Given(camera, times, poses, dict(topics or {}), None, depth_scale, dict(axes or {}), mask=mask)
     for one in sensors:
         given = replace(given, odometry=one) if isinstance(one, OdometryGiven) else replace(given, gyro=one)
     check_name(Path(source))
@@ -189,6 +194,7 @@ def open_given(path: Path, given: Given) -> DiskRecording:
     if given.odometry is not None:
         recording = replace(recording, odometry=_odometry(path, given.odometry))
     recording = _with_gyro(path, in_order(recording), given)
+    recording = replace(recording, masks=masks_beside(recording, given))
     check_rate(recording.times, recording.source)
     recording.image(0)  # Says at once if the calibration is for another resolution.
     return recording

@@ -30,6 +30,8 @@ class Given:
         Camera axes of the ``poses`` and of both sides of the measured ``t_cf``, of `poses.AXES`.
     odometry : OdometryGiven or None
         Odometry beside the recording, or a topic of it, in place of its own.
+    mask : Path or None
+        An image of what is never scene in those of Cs, in place of the one that its calibration names.
     gyro : GyroGiven or None
         A gyroscope beside the recording, or a topic of it, in place of its own; or that there is none.
     """
@@ -42,3 +44,4 @@ class Given:
     depth_scale: float | None = None
     axes: Mapping[str, str] = field(default_factory=dict)
     gyro: GyroGiven | None = None
+    mask: Path | None = None

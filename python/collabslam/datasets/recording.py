@@ -17,7 +17,7 @@ from collabslam.datasets.images import read_grey
 from collabslam.datasets.recorded_worn import RecordedWorn, WithWornCameras, views_of
 from collabslam.datasets.units import as_seconds, looks_dated, read_stamps
 from collabslam.errors import DataError, InputError
-from collabslam.types import Array, Frame, Image, ImuLog, Odometry, Recording, Target
+from collabslam.types import Array, Frame, Image, ImuLog, Masks, Odometry, Recording, Target
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,8 @@ class ImageRecording(WithWornCameras):
     odometry : Odometry or None
     imu : ImuLog or None
         Samples of the gyroscope that goes with it.
+    masks : Masks
+        What is never scene.
     worn : mapping
         What each worn camera took, by the name of whoever wears it; "" is that of a single one.
 
@@ -72,6 +74,7 @@ class ImageRecording(WithWornCameras):
     left_out: int = 0
     odometry: Odometry | None = None
     imu: ImuLog | None = None
+    masks: Masks = field(default_factory=Masks)
 
     def __post_init__(self) -> None:
         if len(self.times) != len(self.paths):

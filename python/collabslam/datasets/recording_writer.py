@@ -32,19 +32,22 @@ from collabslam.datasets.written_numbers import (
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import LineFile, write_text
 from collabslam.formats.partial_folder import PartialFolder
-from collabslam.images import check_grey
+from collabslam.images import check_grey, check_masks
 from collabslam.types import (
     Array,
     Image,
     Imu,
     ImuLog,
+    Mask,
     Odometry,
     Recording,
     WornView,
+    masks_of,
     person_name,
     worn_cameras,
 )
 
+_MASK = "mask.png"
 _POSE_COLUMNS = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w,q_x,q_y,q_z"
 _IMAGE_COLUMNS = "#timestamp [ns],filename"
 _TWIST_COLUMNS = "#timestamp [ns],v_x [m/s],v_y,v_z,w_x [rad/s],w_y,w_z"
@@ -77,16 +80,19 @@ class RecordingWriter:
         Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
     imu : Imu, optional
         The sensor of `add_gyro`: how it sits and how good it is; along the axes of Cs if left out.
+    mask, worn_mask
+        What is never scene in the images of Cs and Cf, as in `collabslam.Slam`.
 
     Raises
     ------
     InputError
-        If a camera is no `Camera`, ``t_bc`` no pose, or a name is not a name of a folder.
+        If a camera is no `Camera`, ``t_bc`` no pose, a mask not one of its camera's images, or a
+        name is not a name of a folder.
     DataError
         If the folder exists (without ``overwrite``, or when it is not a recording), or cannot be written.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 (each is an input of its own)
         self,
         folder: str | Path,
         camera: Camera,
@@ -96,6 +102,8 @@ class RecordingWriter:
         overwrite: bool = False,
         t_bc: ArrayLike | None = None,
         imu: Imu | None = None,
+        mask: Mask | Image | None = None,
+        worn_mask: Mask | Image | Mapping[str, Mask | Image] | None = None,
     ) -> None:
         cameras = _named(worn_camera)
         for lens in (camera, *cameras.values()):
@@ -104,6 +112,7 @@ class RecordingWriter:
                     f"The camera is a {type(lens).__name__}; give a collabslam.Camera, which load_camera "
                     "reads from a calibration file."
                 )
+        self._masks = check_masks(camera, cameras, mask, worn_mask)
         self._out = _free(Path(folder), overwrite)
         self._camera, self._worn_cameras = camera, cameras
         self._lists: dict[Path, LineFile] = {}
@@ -124,7 +133,7 @@ class RecordingWriter:
                 for person in cameras:
                     self._begin_worn(person)
             _write_yaml(self._partial / "recording.yaml", header)
-            _write_yaml(self._partial / "cam0" / "sensor.yaml", sensor_mapping(camera))
+            self._write_sensor(self._partial / "cam0", camera, self._masks.robot)
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -329,9 +338,17 @@ class RecordingWriter:
         place = worn_place(self._partial, who)
         if not place.folder.exists():
             (place.folder / "data").mkdir(parents=True)
-            _write_yaml(place.folder / "sensor.yaml", sensor_mapping(self._worn_cameras[who]))
+            self._write_sensor(place.folder, self._worn_cameras[who], self._masks.worn.get(who))
             self._begin(place.poses, f"{_POSE_COLUMNS},{_TRIANGLE_COLUMNS}")
             self._begin(place.folder / "data.csv", _IMAGE_COLUMNS)
+
+    def _write_sensor(self, folder: Path, camera: Camera, mask: Mask | None) -> None:
+        content = sensor_mapping(camera)
+        if mask is not None:
+            content["mask"] = _MASK
+            if not cv2.imwrite(str(folder / _MASK), 255 * mask.astype(np.uint8)):
+                raise DataError(f"The mask {folder / _MASK} cannot be written; free disk space.")
+        _write_yaml(folder / "sensor.yaml", content)
 
     def _write_view(self, who: str, stamp: int, image: Image, t_cf: Array, covariances: list[Array]) -> None:
         self._begin_worn(who)
@@ -410,6 +427,8 @@ def write_recording(
         overwrite=overwrite,
         t_bc=None if odometry is None else odometry.t_bc,
         imu=None if log is None else log.sensor,
+        mask=masks_of(recording).robot,
+        worn_mask=masks_of(recording).worn,
     )
     try:
         if log is not None:

@@ -11,6 +11,7 @@ from typing import Any
 from collabslam.datasets.emulated.pose_noise import PoseNoise
 from collabslam.datasets.emulated.worn import WornRecording, attach_worn
 from collabslam.datasets.imu.beside import GyroGiven
+from collabslam.datasets.masks import WithWornMasks
 from collabslam.datasets.odometry import OdometryGiven
 from collabslam.datasets.opening import open_given
 from collabslam.datasets.overrides import Given
@@ -54,6 +55,8 @@ class Source:
         Only so many frames from the first one on.
     worn_calibrations : mapping
         Files of `WornCalibration` that correct the worn cameras' views, by the name of whoever wears one.
+    worn_masks : mapping
+        Images of what is never scene in those of the worn cameras, in the same way.
     """
 
     path: Path
@@ -61,6 +64,7 @@ class Source:
     worn: WornSpec | None = None
     frames: int | None = None
     worn_calibrations: Mapping[str, Path] = field(default_factory=dict)
+    worn_masks: Mapping[str, Path] = field(default_factory=dict)
 
     def open(self) -> Recording:
         """The recording.
@@ -79,6 +83,8 @@ class Source:
             recording = self.worn.attach(recording)
         for name, file in self.worn_calibrations.items():
             recording = CalibratedWorn(recording, WornCalibration.load(file), name)
+        if self.worn_masks:
+            recording = WithWornMasks(recording, self.worn_masks)
         return recording if self.frames is None else FirstFrames(recording, self.frames)
 
     def moved(self, path: Path) -> Source:
@@ -100,6 +106,7 @@ class Source:
             "worn": None if self.worn is None else self._worn_state(self.worn),
             "frames": self.frames,
             "worn_calibrations": {name: _absolute(file) for name, file in self.worn_calibrations.items()},
+            "worn_masks": {name: _absolute(file) for name, file in self.worn_masks.items()},
         }
 
     def _worn_state(self, worn: WornSpec) -> dict[str, Any]:
@@ -114,13 +121,16 @@ class Source:
     def from_state(cls, state: Mapping[str, Any]) -> Source:
         """The source of a `state` that passes `STATE`."""
         given, worn = state["given"], state["worn"]
-        files = {k: None if given[k] is None else Path(given[k]) for k in ("camera", "times", "poses")}
+        files = {
+            k: None if given[k] is None else Path(given[k]) for k in ("camera", "times", "poses", "mask")
+        }
         return cls(
             Path(state["path"]),
             Given(**{**given, **files, **_sensors_of(given)}),
             None if worn is None else WornSpec(**worn),
             state["frames"],
             {name: Path(file) for name, file in state["worn_calibrations"].items()},
+            {name: Path(file) for name, file in state["worn_masks"].items()},
         )
 
 
@@ -130,6 +140,7 @@ STATE = fields(
         camera=optional(text()),
         times=optional(text()),
         poses=optional(text()),
+        mask=optional(text()),
         topics=table(str, text()),
         depth_scale=optional(number(0.0)),
         axes=table(str, text()),
@@ -156,6 +167,7 @@ STATE = fields(
     ),
     frames=optional(whole(1)),
     worn_calibrations=table(str, text()),
+    worn_masks=table(str, text()),
 )
 """What `Source.state` may hold."""
 

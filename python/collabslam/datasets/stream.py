@@ -9,7 +9,7 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
 from collabslam.datasets.recorded_worn import RecordedWorn, WithWornCameras, views_of
 from collabslam.datasets.recording import check_frames, frame_index
-from collabslam.types import Array, DepthPoints, Frame, Image, ImuLog, Odometry, Target
+from collabslam.types import Array, DepthPoints, Frame, Image, ImuLog, Masks, Odometry, Target
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class StreamRecording(WithWornCameras):
     odometry : Odometry or None
     imu : ImuLog or None
         Samples of the gyroscope that goes with it.
+    masks : Masks
+        What is never scene.
 
     Raises
     ------
@@ -51,6 +53,7 @@ class StreamRecording(WithWornCameras):
     left_out: int = 0
     odometry: Odometry | None = None
     imu: ImuLog | None = None
+    masks: Masks = field(default_factory=Masks)
 
     def __post_init__(self) -> None:
         check_frames(self.source, self.times, self.truth)

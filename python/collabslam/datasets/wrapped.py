@@ -7,7 +7,18 @@ from dataclasses import replace
 
 from collabslam._core import Camera
 from collabslam.errors import SettingsError
-from collabslam.types import Array, Frame, Image, ImuLog, Odometry, Recording, Target, worn_cameras
+from collabslam.types import (
+    Array,
+    Frame,
+    Image,
+    ImuLog,
+    Masks,
+    Odometry,
+    Recording,
+    Target,
+    masks_of,
+    worn_cameras,
+)
 
 TOGETHER = 0.01
 """Seconds between two images that count as taken together."""
@@ -34,6 +45,7 @@ class WrappedRecording:
         self.rig_used: bool = getattr(base, "rig_used", False)
         self.odometry: Odometry | None = getattr(base, "odometry", None)
         self.imu: ImuLog | None = getattr(base, "imu", None)
+        self.masks: Masks = masks_of(base)
         self.has_depth: bool = getattr(base, "has_depth", False)
 
     @property
@@ -121,6 +133,8 @@ class OnlyPersons(WrappedRecording):
             known, wanted = (", ".join(map(repr, some)) or "nobody" for some in (there, missing))
             raise SettingsError(f"{base.name} has no worn camera of {wanted}; there are those of {known}.")
         self.worn_cameras = {name: camera for name, camera in there.items() if name in names}
+        of_worn = {name: mask for name, mask in self.masks.worn.items() if name in names}
+        self.masks = replace(self.masks, worn=of_worn)
 
     def frame(self, i: int) -> Frame:
         """Frame ``i`` with their views."""

@@ -16,11 +16,12 @@ Hidden = Callable[[Array], Mask]
 """Which pixels (N, 2) show what is not a landmark."""
 
 
-def hidden_by_any(hiding: Sequence[Hidden]) -> Hidden | None:
+def hidden_by_any(hiding: Sequence[Hidden | None]) -> Hidden | None:
     """What at least one of them hides; None of none."""
-    if len(hiding) < 2:
-        return hiding[0] if hiding else None
-    return lambda uv: np.logical_or.reduce([hides(uv) for hides in hiding])
+    some = [hides for hides in hiding if hides is not None]
+    if len(some) < 2:
+        return some[0] if some else None
+    return lambda uv: np.logical_or.reduce([hides(uv) for hides in some])
 
 
 _HALF_RES_WIDTH = 400  # pixels of width from which corners are looked for at half resolution
@@ -141,6 +142,7 @@ def detect_corners(
     settings: DetectSettings,
     mask_border: int,
     halve: bool | None = None,
+    hidden: Hidden | None = None,
 ) -> Array:
     """At most ``count`` new corners, those first whose part of the image needs them most.
 
@@ -158,13 +160,15 @@ def detect_corners(
         Pixels along the image's edge without corners.
     halve : bool, optional
         Whether to look at half resolution; where the image is wide enough unless given.
+    hidden : callable, optional
+        Which pixels show what is not a landmark.
 
     Returns
     -------
     (M, 2) float64
         Corners (u, v), the most wanted first.
     """
-    return Corners(image, settings, mask_border, halve=halve).pick(existing, count)
+    return Corners(image, settings, mask_border, hidden=hidden, halve=halve).pick(existing, count)
 
 
 def _distance(image: Image, settings: DetectSettings) -> float:

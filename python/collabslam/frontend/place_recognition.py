@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from collabslam._core import Camera
 from collabslam.errors import InputError
 from collabslam.frontend.describe import SUPPORT, Descriptors, describe
-from collabslam.frontend.detect import corner_peaks, refine_corners
+from collabslam.frontend.detect import Hidden, corner_peaks, refine_corners
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import SIZE, Patch, warp_templates
 from collabslam.frontend.search import FOUND, GATE, active_search
@@ -161,7 +161,9 @@ def votes(similarity: NDArray[np.float32]) -> int:
     return int((mutual & near).sum())
 
 
-def most_alike(image: Image, places: Sequence[Descriptors], settings: FrontendSettings) -> list[int]:
+def most_alike(
+    image: Image, places: Sequence[Descriptors], settings: FrontendSettings, hidden: Hidden | None = None
+) -> list[int]:
     """Which places look like an image, by the number of votes, the most alike first; upright only.
 
     Parameters
@@ -171,7 +173,7 @@ def most_alike(image: Image, places: Sequence[Descriptors], settings: FrontendSe
         Descriptors of the views of each (`describe_views`).
     settings : FrontendSettings
     """
-    corners = _corners(image, settings)
+    corners = _corners(image, settings, hidden)
     if not len(corners):
         return []
     described = describe_corners(image, corners, 0.0, SUPPORT)
@@ -223,6 +225,7 @@ def locate(
     guess: Array,
     rolls: Sequence[float],
     settings: FrontendSettings,
+    hidden: Hidden | None = None,
 ) -> Fix | None:
     """The pose from which an image shows a map; None where that cannot be told with confidence.
 
@@ -241,8 +244,10 @@ def locate(
         By how much the camera may be turned about its axis against the views, radians, tried in this order; a
         quarter of a radian more or less does no harm.
     settings : FrontendSettings
+    hidden : callable, optional
+        Which pixels of the image show what is not a landmark.
     """
-    corners = _corners(image, settings)
+    corners = _corners(image, settings, hidden)
     if len(corners) < _MIN_DESCRIPTORS:
         return None
     for roll in rolls:
@@ -259,7 +264,7 @@ def locate(
             )
             if first is None or len(first[1]) < _MIN_DESCRIPTORS:
                 continue
-            fix = confirmed(image, camera, first[0], views, settings)
+            fix = confirmed(image, camera, first[0], views, settings, hidden)
             if fix is not None:
                 return fix
     return None
@@ -280,10 +285,11 @@ def confirmed(
     pose: Array,
     views: MapViews,
     settings: FrontendSettings,
+    hidden: Hidden | None = None,
 ) -> Fix | None:
     """A pose that the landmarks' patches vouch for; None where too few of them are found."""
     for _ in range(2):  # the second search starts from the pose of the first
-        index, uv, possible = _search_from(image, camera, pose, views, settings)
+        index, uv, possible = _search_from(image, camera, pose, views, settings, hidden)
         agreed = pose_of_agreeing(views.points[index], uv, camera, pose, _MAX_RESIDUAL)
         if agreed is None or len(agreed[1]) < max(MIN_PATCHES, _MIN_SHARE * possible):
             return None
@@ -301,12 +307,15 @@ def _search_from(
     pose: Array,
     views: MapViews,
     settings: FrontendSettings,
+    hidden: Hidden | None,
 ) -> tuple[Indices, Array, int]:
     """Searches all patches where a pose says: landmarks found, their pixels, and how many could be found."""
     points = views.points
     seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
     there = camera.project(seen)
     uv, visible = there.uv, there.visible & (seen[:, 2] > 0.0)
+    if hidden is not None:
+        visible[visible] = ~hidden(uv[visible])
     nearest = views.nearest(pose)
     index = np.flatnonzero(visible)
     warped = warp_templates(camera, [nearest[i] for i in index], pose, points[index], settings.patch)
@@ -316,13 +325,17 @@ def _search_from(
         image, templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings.search
     )
     hit = result.code == FOUND
+    if hidden is not None:
+        hit[hit] = ~hidden(result.uv[hit])
     return index[hit], result.uv[hit], len(index)
 
 
-def _corners(image: Image, settings: FrontendSettings) -> Array:
+def _corners(image: Image, settings: FrontendSettings, hidden: Hidden | None) -> Array:
     """The strongest corners, dense enough that those of all landmarks may be among them."""
     distance = max(2.0, _CORNER_DISTANCE * image.shape[1])
     peaks = corner_peaks(image, settings.detect, distance, SIZE, False)
+    if hidden is not None:
+        peaks = peaks[~hidden(peaks)]
     return refine_corners(image, peaks[:_CORNERS].astype(np.float64))
 
 

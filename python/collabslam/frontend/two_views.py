@@ -8,6 +8,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.errors import InputError
+from collabslam.frontend.detect import Hidden
 from collabslam.types import Array, Image, Mask
 
 Region = tuple[float, float, float, float]
@@ -27,6 +28,8 @@ class TwoViews:
         Of ``t_cf`` over (translation, rotation), tangent on the right, m^2 and rad^2.
     roi_s, roi_f : (u0, v0, u1, v1) or None
         Region of interest in each image, pixels; None is the whole image.
+    hidden_f : callable or None
+        Which pixels of Cf are never scene.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class TwoViews:
     covariance: Array
     roi_s: Region | None = None
     roi_f: Region | None = None
+    hidden_f: Hidden | None = None
 
     def __post_init__(self) -> None:
         if np.shape(self.t_cf) != (4, 4) or np.shape(self.covariance) != (6, 6):

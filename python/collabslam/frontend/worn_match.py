@@ -148,6 +148,7 @@ class _Matcher:
     def __init__(self, views: TwoViews, points: ViewedPoints, settings: Settings) -> None:
         self.image_s, self.camera_s = views.image_s, views.camera_s
         self.image_f, self.camera_f = views.image_f, views.camera_f
+        self.hidden_f = views.hidden_f
         self.t_cf = np.asarray(views.t_cf, dtype=np.float64)
         self.covariance = np.asarray(views.covariance, dtype=np.float64)
         self.roi_s, self.roi_f = whole(views.roi_s, self.image_s), whole(views.roi_f, self.image_f)
@@ -236,7 +237,7 @@ class _Matcher:
             crop, np.empty((0, 2)), _CORNERS, detect, border, halves(self.image_f.shape[1])
         )
         corners += np.array([u0, v0])
-        return corners
+        return corners if self.hidden_f is None else corners[~self.hidden_f(corners)]
 
     def _warps(self, points: Indices, t_cf: Array, rho: Array) -> Array:
         """(N, 2, 2) maps of Cs offsets to Cf offsets; those without a usable depth show the rotation only."""
@@ -423,6 +424,8 @@ class _Matcher:
             peak_test(self.options.min_score, ambiguity=1.0),
         )
         found = result.code == FOUND
+        if self.hidden_f is not None:
+            found[found] = ~self.hidden_f(result.uv[found])
         return index[found], result.uv[found], result.score[found]
 
     def _new_beyond_the_edge(self, index: Indices, place: Array, consensus: Consensus) -> Mask:

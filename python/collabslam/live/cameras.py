@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from collabslam.datasets.calibration import check_resolution, load_camera
+from collabslam.datasets.calibration import check_resolution, load_unmasked
 from collabslam.datasets.imu.beside import GyroGiven
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.ros.bag import Bag
@@ -22,7 +22,7 @@ from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.playback import SensorPlayback
 from collabslam.live.sensed import SensorTaker
 from collabslam.live.wheels import WheelTopic
-from collabslam.types import Array, Image, Imu, ImuLog, Odometry, Recording, worn_cameras
+from collabslam.types import Array, Image, Imu, ImuLog, Odometry, Recording, masks_of, worn_cameras
 
 BROKEN = 30
 """So many reads running without an image end a camera."""
@@ -47,7 +47,7 @@ class DeviceCamera:
     imu = None
 
     def __init__(self, source: str, calibration: Path) -> None:
-        self.name, self.camera, self.clock = "camera", load_camera(calibration), MonotonicClock()
+        self.name, self.camera, self.clock = "camera", load_unmasked(calibration), MonotonicClock()
         self._source = source
         number = source.removeprefix("/dev/video")
         self._capture = cv2.VideoCapture(int(number)) if number.isdigit() else cv2.VideoCapture(source)
@@ -104,6 +104,11 @@ class RecordingPlayback:
 
     def __init__(self, recording: Recording, bag: Path | None = None) -> None:
         self.recording, self._bag = recording, bag
+        if masks_of(recording).any:
+            raise SettingsError(
+                f"{recording.name} has a mask, which a live run does not read; take the key 'mask' out of "
+                "its calibration, or give LiveSlam a Slam(mask=...)."
+            )
         self._odometry: Odometry | None = getattr(recording, "odometry", None)
         self.t_bc = None if self._odometry is None else self._odometry.t_bc
         self._log: ImuLog | None = getattr(recording, "imu", None)

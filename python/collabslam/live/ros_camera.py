@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import check_resolution, load_camera
+from collabslam.datasets.calibration import check_resolution, load_unmasked
 from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import CollabslamError, DataError
@@ -58,7 +58,7 @@ class RosCamera:
         self.name, self.clock = "camera", SystemClock()
         self._topic = topic
         self._images: deque[tuple[float, Image]] = deque(maxlen=WAITING)
-        self._cameras: list[Camera] = [] if calibration is None else [load_camera(calibration, topic=topic)]
+        self._cameras: list[Camera] = [] if calibration is None else [load_unmasked(calibration, topic=topic)]
         self._fault: CollabslamError | None = None
         rclpy = rclpy_of()
         self._context = rclpy.Context()

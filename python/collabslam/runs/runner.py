@@ -37,6 +37,7 @@ from collabslam.types import (
     Indices,
     Recording,
     WornView,
+    masks_of,
     worn_cameras,
 )
 from collabslam.version import version
@@ -273,6 +274,8 @@ def make_engine(
         map=map,
         t_bc=None if odometry is None else odometry.t_bc,
         imu=None if log is None else log.sensor,
+        mask=masks_of(recording).robot,
+        worn_mask=masks_of(recording).worn,
     )
     for target in printed:
         slam.announce(target)

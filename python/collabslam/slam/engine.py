@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from collabslam._core import Camera, Filter
 from collabslam.errors import InputError
 from collabslam.formats.container import read_container, write_container
-from collabslam.images import check_grey
+from collabslam.images import check_grey, check_masks
 from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.settings.table import Settings, schema
 from collabslam.slam import saving
@@ -27,7 +27,7 @@ from collabslam.slam.state import persistent_parts
 from collabslam.slam.submaps.whole_map import submap_poses
 from collabslam.slam.worn.view_planning import ViewPlan
 from collabslam.targets.kinds import Board, Tag
-from collabslam.types import Array, Image, Imu, Target, WornView
+from collabslam.types import Array, Image, Imu, Mask, Target, WornView
 
 Engine = TypeVar("Engine", bound="Slam")
 
@@ -57,6 +57,11 @@ class Slam:
         Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
     imu : Imu, optional
         Needed for `add_gyro`: how the gyroscope sits, and how good it is.
+    mask : (H, W) array of bool or uint8, optional
+        What is never scene in the images of Cs, such as the robot's own arm: 0 there, another value
+        elsewhere. No corner, patch or match is taken there.
+    worn_mask : array or dict of array, optional
+        The same for Cf; of several persons each one's by name, of those who have one.
 
     Attributes
     ----------
@@ -68,7 +73,7 @@ class Slam:
     SettingsError
         If the mode or the start does not exist or lacks what it needs.
     InputError
-        If ``t_bc`` is not a pose.
+        If ``t_bc`` is not a pose, or a mask not one of its camera's images.
     """
 
     def __init__(  # noqa: PLR0913 (each is an input of its own)
@@ -83,6 +88,8 @@ class Slam:
         map: SavedMap | None = None,
         t_bc: ArrayLike | None = None,
         imu: Imu | None = None,
+        mask: Mask | Image | None = None,
+        worn_mask: Mask | Image | Mapping[str, Mask | Image] | None = None,
     ) -> None:
         check_start(start, mode=mode, worn_camera=worn_camera, target=target, map=map)
         settings = settings or Settings.default()
@@ -95,6 +102,7 @@ class Slam:
             room, key = settings.filter.map.max_features + len(map.landmarks), "filter.map.max_features"
             settings = settings.replace({key: min(room, schema()[key].high or room)})
         named = {"": worn_camera} if isinstance(worn_camera, Camera) else dict(worn_camera or {})
+        masks = check_masks(camera, named, mask, worn_mask)
         core = Filter(camera, list(named.values()), settings=settings.filter)
         if t_bc is not None:
             core.set_odometry_frame(t_bc)
@@ -104,7 +112,7 @@ class Slam:
                 core.drop_gyro()
         metric = start != "scale-free" if map is None else map.metric
         known = target if isinstance(target, Target) else None
-        self._use(Parts(core, camera, named, settings, start, metric=metric, target=known))
+        self._use(Parts(core, camera, named, settings, start, metric=metric, target=known, masks=masks))
         if isinstance(target, Tag | Board):
             self.announce(target)
         if map is not None:

@@ -123,9 +123,8 @@ class FrameLoop:
         return View(t, image, worn, hidden, corners, started, lost)
 
     def _hidden(self, worn: tuple[Overlap, ...]) -> Hidden | None:
-        """Which pixels of Cs show no landmark: whoever wears a Cf, or what is fixed to the camera."""
-        wearers = (self._parts.worn.hidden(overlap.worn) for overlap in worn)
-        hiding = [hides for hides in wearers if hides is not None]
+        """Which pixels of Cs show no landmark: masked, of who wears a Cf, or fixed to the camera."""
+        hiding = [self._parts.mask, *(self._parts.worn.hidden(overlap.worn) for overlap in worn)]
         if self._parts.fixed.is_there:
             hiding.append(self._parts.fixed.hides)
         return hidden_by_any(hiding)

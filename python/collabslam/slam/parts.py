@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from collabslam._core import Camera, Filter
 from collabslam.errors import InputError
+from collabslam.frontend.mask import StaticMask
 from collabslam.settings.table import Settings
 from collabslam.slam.consistency_monitor import ConsistencyMonitor
 from collabslam.slam.gyro_monitor import GyroMonitor
@@ -28,7 +29,7 @@ from collabslam.slam.verdict import Verdict
 from collabslam.slam.worn.late_views import LateViews
 from collabslam.slam.worn.matcher import WornMatcher
 from collabslam.slam.worn.view_planning import ViewPlanner
-from collabslam.types import Target, person_name
+from collabslam.types import Masks, Target, person_name
 
 
 class Parts:
@@ -52,6 +53,8 @@ class Parts:
         Whether lengths are metres.
     target : Target, optional
         To start from.
+    masks : Masks
+        Each of its camera's size.
 
     Raises
     ------
@@ -69,11 +72,14 @@ class Parts:
         *,
         metric: bool,
         target: Target | None = None,
+        masks: Masks = Masks(),  # noqa: B008 (it is frozen)
     ) -> None:
         for name in worn_cameras:
             if name != "":
                 person_name(name, InputError)
         self.filter, self.camera, self.worn_cameras, self.settings = core, camera, worn_cameras, settings
+        self.masks = masks
+        self.mask = None if masks.robot is None else StaticMask(masks.robot).hides
         options = self.options = settings.frontend
         self.monitor = StatusMonitor(settings.filter.lost, lost=start == "map")
         self.printed = PrintedTargets(core, camera)
@@ -93,12 +99,12 @@ class Parts:
         self.search = FrameSearch(core, self.tracks, self.printed, self.monitor, self.gyro, options.search)
         self.fixed = FixedContent(camera)
         self.depth = DepthInput()
-        self.worn = WornMatcher(core, camera, worn_cameras, settings)
-        self.late = LateViews(core, camera, self.worn, self.tracks, settings)
+        self.worn = WornMatcher(core, camera, worn_cameras, settings, masks)
+        self.late = LateViews(core, camera, self.worn, self.tracks, settings, self.mask)
         self.view_planner = ViewPlanner(core, self.monitor, options.worn.min_matches)
         self.map = MapManager(core, settings, self.printed, self.start)
         self.size = MapSize()
-        self.submaps = Submaps(core, camera, settings.filter.pixel.sigma_cs, options)
+        self.submaps = Submaps(core, camera, settings.filter.pixel.sigma_cs, options, self.mask)
         self.relocaliser = Relocaliser(core, camera, self.tracks, options)
         self.known = KnownSubmaps(camera, self.relocaliser, self.submaps, options)
         restart = Restart(

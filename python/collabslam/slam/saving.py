@@ -7,8 +7,9 @@ from typing import Any
 
 from collabslam._core import Camera, Filter
 from collabslam.errors import CollabslamError, DataError, InputError
-from collabslam.formats.schema import data, fields, flag, table, text
+from collabslam.formats.schema import array, data, fields, flag, optional, table, text
 from collabslam.frontend.patch import Patch
+from collabslam.images import check_mask
 from collabslam.results import Loop
 from collabslam.settings.modes import SLAM_STARTS
 from collabslam.settings.table import STATE as SETTINGS_STATE
@@ -20,10 +21,11 @@ from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.submaps.chain import Submap
 from collabslam.slam.submaps.loop_search import Wanted
 from collabslam.slam.worn.late_views import KeptFrame
-from collabslam.types import Target, WornView
+from collabslam.types import Masks, Target, WornView
 
-KIND, VERSION = "engine state", 16
+KIND, VERSION = "engine state", 17
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
+_MASK = array("|b1", None, None)
 CLASSES = (KeptFrame, Loop, InactiveMap, Patch, Submap, Target, Wanted, WornView)
 """Dataclasses that are in it."""
 STATE = fields(
@@ -32,6 +34,8 @@ STATE = fields(
     settings=SETTINGS_STATE,
     start=text(SLAM_STARTS),
     metric=flag,
+    mask=optional(_MASK),
+    worn_masks=table(str, _MASK),
     filter=data,
     parts=table(str, lambda value, where: None),  # each asks by itself
 )
@@ -46,6 +50,8 @@ def state_of(parts: Parts) -> dict[str, Any]:
         "settings": parts.settings.state(),
         "start": parts.start.name,
         "metric": parts.start.metric,
+        "mask": parts.masks.robot,
+        "worn_masks": dict(parts.masks.worn),
         "filter": parts.filter.snapshot(),
         "parts": {name: part.state() for name, part in persistent_parts(parts).items()},
     }
@@ -55,13 +61,20 @@ def parts_of(state: Mapping[str, Any]) -> Parts:
     """The parts of a `state_of`; raises DataError if it is none."""
     try:
         STATE(state, "engine")
+        camera = Camera(*state["camera"])
+        worn_cameras = {name: Camera(*worn) for name, worn in state["worn_cameras"].items()}
+        mask = state["mask"]
         parts = Parts(
             Filter.restore(state["filter"]),
-            Camera(*state["camera"]),
-            {name: Camera(*worn) for name, worn in state["worn_cameras"].items()},
+            camera,
+            worn_cameras,
             Settings.from_state(state["settings"]),
             state["start"],
             metric=bool(state["metric"]),
+            masks=Masks(
+                None if mask is None else check_mask(mask, camera),
+                {name: check_mask(one, worn_cameras[name]) for name, one in state["worn_masks"].items()},
+            ),
         )
         persistent = persistent_parts(parts)
         if set(state["parts"]) != set(persistent):

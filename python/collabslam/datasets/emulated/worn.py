@@ -22,7 +22,7 @@ from collabslam.datasets.recording import Rig
 from collabslam.datasets.wrapped import OnlyPersons, WrappedRecording
 from collabslam.errors import DataError, SettingsError
 from collabslam.geometry import pose_inverse, se3_exp
-from collabslam.types import Array, Frame, Image, Recording, WornView, worn_cameras
+from collabslam.types import Array, Frame, Image, Mask, Recording, WornView, worn_cameras
 
 SPECS = "recorded, none, lag:SECONDS, rig, views:FOLDER, recorded:NAME (of several persons)"
 _EDGE = 1e-9
@@ -86,9 +86,17 @@ class WornRecording(WrappedRecording):
     ) -> None:
         super().__init__(base)
         self.worn_cameras = worn_cameras
+        self.masks = replace(self.masks, worn=self._masks(emulated=noise is not None))
         self._samples = samples
         self._blocks = blocks
         self._noise = noise
+
+    def _masks(self, *, emulated: bool) -> dict[str, Mask]:
+        """Masks of the worn cameras: their own, or that of Cs where its images are Cf's at another time."""
+        if not emulated:
+            return {name: mask for name, mask in self.masks.worn.items() if name in self.worn_cameras}
+        robot, lags = self.masks.robot, self.worn_cameras[""] is self.camera
+        return {"": robot} if lags and robot is not None else {}
 
     def frame(self, i: int) -> Frame:
         """Frame ``i`` with the worn view; the same for each call, in any order."""

@@ -12,6 +12,9 @@
     imu0/data.csv               optional: ns, wx wy wz (rad/s) and maybe ax ay az (m/s^2)
     imu0/sensor.yaml            how that sits and how good it is, see `collabslam.datasets.imu.description`
 
+A camera's ``sensor.yaml`` may name an image of what is never scene, beside it: ``mask: mask.png`` (see
+`collabslam.datasets.masks`).
+
 Version 2 is that of several persons, each with a camera.  `recording.yaml` then names them, as
 ``worn: [anna, ben]``, and each has a folder in place of ``cam1`` and ``relpose``::
 

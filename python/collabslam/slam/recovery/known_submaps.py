@@ -63,7 +63,7 @@ class KnownSubmaps(PersistentState):
         some = range(first, min(first + STRETCH, count))
         self._next = some.stop
         described = [chain.submaps[k].descriptors for k in some]
-        for k in most_alike(view.image, described, self._options)[:CANDIDATES]:
+        for k in most_alike(view.image, described, self._options, view.hidden)[:CANDIDATES]:
             found = self._in(view, chain.submaps[some[k]])
             if found is not None and found.other_map is not None:
                 self._submaps.found_in(some[k], list(found.other_map))
@@ -77,7 +77,8 @@ class KnownSubmaps(PersistentState):
     def _in(self, view: View, submap: Submap) -> Recovered | None:
         there = as_map(submap)
         views = MapViews.of(there.points, there.views)
-        fix = locate(view.image, self._camera, views, submap.descriptors, submap.pose, (0.0,), self._options)
+        where = submap.pose, (0.0,), self._options
+        fix = locate(view.image, self._camera, views, submap.descriptors, *where, view.hidden)
         return None if fix is None else self._relocaliser.enter(there, fix)
 
 

@@ -224,7 +224,8 @@ class Relocaliser(PersistentState):
             return None
         views = MapViews.of(points, by_landmark)
         descriptors = self._describe(views.patches)
-        return locate(view.image, self._camera, views, descriptors, self._core.pose, rolls, self._options)
+        where = self._core.pose, rolls, self._options
+        return locate(view.image, self._camera, views, descriptors, *where, view.hidden)
 
     def _recovered(
         self, ids: Ids, fix: Fix, report: UpdateReport, other_map: Mapping[int, Patch] | None = None

@@ -22,6 +22,7 @@ from collabslam._core import (
 )
 from collabslam.errors import FilterError
 from collabslam.frontend.describe import SUPPORT
+from collabslam.frontend.detect import Hidden
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.place_recognition import (
     MIN_PATCHES,
@@ -84,10 +85,15 @@ class LoopSearch:
     sigma : float
         Standard deviation of a pixel of Cs.
     options : FrontendSettings
+    mask : callable, optional
+        Which pixels of Cs are never scene.
     """
 
-    def __init__(self, camera: Camera, sigma: float, options: FrontendSettings) -> None:
+    def __init__(
+        self, camera: Camera, sigma: float, options: FrontendSettings, mask: Hidden | None = None
+    ) -> None:
         self._camera, self._sigma, self._options = camera, sigma, options
+        self._mask = mask
 
     def look(self, chain: Chain, wanted: Wanted) -> Answer:
         """Looks for an earlier submap in the image, and solves the graph.
@@ -152,7 +158,8 @@ class LoopSearch:
         views = MapViews.of(submap.points[fresh], [[submap.patches[i]] for i in fresh])
         expected = pose_inverse(chain.poses[first]) @ chain.poses[-1]
         descriptors = submap.descriptors[fresh]
-        return locate(wanted.image, self._camera, views, descriptors, expected, (0.0,), self._options)
+        where = expected, (0.0,), self._options
+        return locate(wanted.image, self._camera, views, descriptors, *where, self._mask)
 
 
 def _described(chain: Chain) -> Chain:

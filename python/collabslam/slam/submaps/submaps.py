@@ -30,6 +30,7 @@ from collabslam.formats.schema import (
     refuse,
     whole,
 )
+from collabslam.frontend.detect import Hidden
 from collabslam.frontend.patch import capture
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints
@@ -65,6 +66,8 @@ class Submaps(PersistentState):
     sigma : float
         Standard deviation of a pixel of Cs.
     options : FrontendSettings
+    mask : callable, optional
+        Which pixels of Cs are never scene.
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
@@ -77,9 +80,16 @@ class Submaps(PersistentState):
         "_base": optional(whole(0)),
     }
 
-    def __init__(self, core: Filter, camera: Camera, sigma: float, options: FrontendSettings) -> None:
+    def __init__(
+        self,
+        core: Filter,
+        camera: Camera,
+        sigma: float,
+        options: FrontendSettings,
+        mask: Hidden | None = None,
+    ) -> None:
         self._core, self._camera = core, camera
-        self._search = LoopSearch(camera, sigma, options)
+        self._search = LoopSearch(camera, sigma, options, mask)
         self._background: BackgroundTask[Answer] = BackgroundTask()
         self._chain = Chain.empty()
         self._wanted: Wanted | None = None

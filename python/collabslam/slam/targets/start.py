@@ -11,7 +11,7 @@ import numpy as np
 from collabslam._core import Camera, DepthMeasurement, Filter
 from collabslam.errors import DataError
 from collabslam.formats.schema import Check, array, covariance, instance, items, optional, pose
-from collabslam.frontend.detect import detect_corners
+from collabslam.frontend.detect import Hidden, detect_corners
 from collabslam.frontend.patch import SIZE, Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.geometry import pose_inverse
@@ -80,9 +80,9 @@ class TargetStart(Start):
 
         Where no target is found nothing is born, and the next frame is tried.
         """
-        return MapChange(self._started(view.image, count))
+        return MapChange(self._started(view.image, count, view.hidden))
 
-    def _started(self, image: Image, count: int) -> ImagePoints:
+    def _started(self, image: Image, count: int, hidden: Hidden | None) -> ImagePoints:
         seen = self._seen(image)
         if seen is None:
             return ImagePoints()
@@ -90,7 +90,7 @@ class TargetStart(Start):
         if seen.target is None:
             noise = self._own_noise(known, 1e-4)
         options = self._options
-        corners = detect_corners(image, seen.uv, count, options.detect, SIZE)
+        corners = detect_corners(image, seen.uv, count, options.detect, SIZE, hidden=hidden)
         on_plane, points = self._on_target_plane(corners, seen)
         flat = points[on_plane]
         ids = self._core.start_from_points(

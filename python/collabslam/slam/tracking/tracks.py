@@ -24,7 +24,7 @@ from collabslam.formats.schema import (
 )
 from collabslam.frontend.flow import MAX_ERROR, FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
-from collabslam.frontend.search import FOUND, GATE, WIDE, active_search, wide_ellipses
+from collabslam.frontend.search import FOUND, GATE, OUTSIDE, WIDE, active_search, wide_ellipses
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
 from collabslam.slam.state import PATCH, PersistentState, check_pixel
@@ -176,6 +176,10 @@ class Tracks(PersistentState):
             scarce=self._low_track or len(self._last) < self._scarce_below,
         )
         self._search_wide(image, warped.templates, expected, result, expect_given)
+        if view.hidden is not None:
+            hit = result.code[:n] == FOUND
+            hit[hit] = view.hidden(result.uv[:n][hit])
+            result.code[:n][hit] = OUTSIDE
         seen = np.flatnonzero(warped.ok[:n])
         alive = (result.code[n:] == FOUND) & warped.ok[n:]
         if view.hidden is not None:

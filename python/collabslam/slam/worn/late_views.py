@@ -30,7 +30,7 @@ from collabslam.formats.schema import (
     text,
     whole,
 )
-from collabslam.frontend.detect import Corners
+from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
 from collabslam.frontend.patch import SIZE
 from collabslam.frontend.search import FOUND
 from collabslam.settings.table import Settings
@@ -127,6 +127,8 @@ class LateViews(PersistentState):
     worn : WornMatcher
     tracks : Tracks
     settings : Settings
+    mask : callable, optional
+        Which pixels of Cs are never scene.
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
@@ -145,7 +147,9 @@ class LateViews(PersistentState):
         worn: WornMatcher,
         tracks: Tracks,
         settings: Settings,
+        mask: Hidden | None = None,
     ) -> None:
+        self._mask = mask
         self._filter, self._camera, self._worn, self._tracks = core, camera, worn, tracks
         self._detect = settings.frontend.detect
         self._late = settings.filter.worn.late
@@ -238,7 +242,8 @@ class LateViews(PersistentState):
         if nearest is None or abs(view.t - taken) <= abs(nearest.t - taken):
             return view, overlap, found
         worn = self._carried(overlap.given, nearest.t)
-        corners = Corners(nearest.image, self._detect, SIZE, hidden=self._worn.hidden(worn))
+        hidden = hidden_by_any([self._mask, self._worn.hidden(worn)])
+        corners = Corners(nearest.image, self._detect, SIZE, hidden=hidden)
         earlier = replace(view, t=nearest.t, image=nearest.image, corners=corners)
         ids, alive = nearest.ids, np.isin(nearest.candidates, self._filter.candidates)
         known = np.array([self._tracks.has(i) for i in ids.tolist()], np.bool_)

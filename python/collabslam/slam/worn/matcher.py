@@ -11,6 +11,7 @@ import numpy as np
 from collabslam._core import LAST_TIME, Camera, Filter
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Hidden
+from collabslam.frontend.mask import StaticMask
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
@@ -19,7 +20,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.overlap import Overlap
-from collabslam.types import Array, Ids, WornView
+from collabslam.types import Array, Ids, Masks, WornView
 
 NEW_POINTS = 120
 """Most new corners of Cs that are tried in Cf."""
@@ -54,6 +55,8 @@ class WornMatcher:
     worn_cameras : dict
         Each Cf by its name, in the order in which the filter numbers them.
     settings : Settings
+    masks : Masks
+        Of those worn cameras that have one.
     """
 
     def __init__(
@@ -62,7 +65,9 @@ class WornMatcher:
         camera: Camera,
         worn_cameras: Mapping[str, Camera],
         settings: Settings,
+        masks: Masks,
     ) -> None:
+        self._masks = {name: StaticMask(mask).hides for name, mask in masks.worn.items()}
         self._filter = core
         self._camera = camera
         self._worn_cameras = worn_cameras
@@ -170,6 +175,7 @@ class WornMatcher:
             worn.covariance,
             regions.roi_s,
             regions.roi_f,
+            self._masks.get(worn.who),
         )
         points = ViewedPoints(
             uv,
