@@ -130,6 +130,23 @@ fn a_depth_sees_the_scale() {
     assert!((seen - DVector::from_column_slice(point.as_slice())).norm() < 1e-9);
 }
 
+/// Inverse depths in view as the lengths of the map move, of what a step holds along the scale.
+fn keep_shape(before: &Filter, prior: &DVector<f64>, x: &mut DVector<f64>) {
+    let step = &*x - prior;
+    let all = gauge_coordinates(before).column(3).dot(&step);
+    assert!(all.abs() > 1e-6, "the scale is corrected");
+    for id in before.followed() {
+        let rho = before.state().layout().find(*id).expect("in view").offset + 5;
+        let own = -step[rho] / prior[rho];
+        let growth = if own * all <= 0.0 {
+            0.0
+        } else {
+            own.abs().min(all.abs()) * all.signum()
+        };
+        x[rho] = prior[rho] / (1.0 + growth) + step[rho] + growth * prior[rho];
+    }
+}
+
 #[test]
 fn the_update_agrees_with_a_dense_transport() {
     let mut warm = with_clone(55, &settings());
@@ -140,7 +157,9 @@ fn the_update_agrees_with_a_dense_transport() {
     assert!(report.dof >= 16);
     let units = units(&warm, &before, &dense, &z, &report);
     let from = gauge_directions(&before, dense.x.as_slice());
+    let prior = dense.x.clone();
     dense.update(&units);
+    keep_shape(&before, &prior, &mut dense.x);
     let to = gauge_directions(&before, dense.x.as_slice());
     let n = dense.x.len();
     let plain = dense.p.clone();

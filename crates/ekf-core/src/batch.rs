@@ -326,8 +326,10 @@ impl Workspace {
         for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
             *x += moved[slot];
         }
-        let change =
-            gauge.map(|(gauge, followed)| gauge.change(state, followed, Some(&moved[n..])));
+        let change = gauge.map(|(gauge, followed)| {
+            gauge.keep_shape(state, followed, &moved[..n]);
+            gauge.change(state, followed, Some(&moved[n..]))
+        });
         state.p.downdate(&self.pht, change);
         state.p.round_up(&self.squares);
         state.keep_considered(&self.considered, learned);

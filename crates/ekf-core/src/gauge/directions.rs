@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 /// Turns about the three axes of W, and scale.
 pub const GAUGES: usize = 4;
 pub(super) const SCALE: usize = 3;
-/// Largest sd(rho) / rho of a feature that tells the scale: of one whose depth has converged (METHOD 12).
-const MAX_RHO_RATIO: f64 = 0.1;
+/// Squared sd(rho) / rho below which depths count as equally well known.
+const EXACT: f64 = 1e-6;
 /// Squared horizontal part of a ray below which its azimuth is left alone.
 const MIN_HORIZONTAL: f64 = 1e-4;
 
@@ -72,8 +72,8 @@ fn inverse_depth_feature(x: &[f64], block: &Block, out: &mut [f64]) {
     out[SCALE * n + at + 5] = -x[at + 5];
 }
 
-/// `B(x)`, `n x 4` column-major, with `B^T N = 1`; the features with ids in `among` (increasing) tell the scale. Without one
-/// of known depth the scale's column is zero.
+/// `B(x)`, `n x 4` column-major, with `B^T N = 1`; the features with ids in `among` (increasing) tell the scale, each by the inverse
+/// of its relative variance. Without one whose sd(rho) is below rho the scale's column is zero.
 pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], out: &mut Vec<f64>) {
     let n = x.len();
     out.clear();
@@ -87,29 +87,34 @@ pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], ou
     }
     let camera = Vector3::from_column_slice(&x[..3]);
     let scale = &mut out[SCALE * n..];
-    let mut count = 0.0;
+    let mut total = 0.0;
     for block in layout.features() {
         if among.binary_search(&block.id).is_err() {
             continue;
         }
         let feature = block.feature(x);
-        let variance = p.get(block.offset + 5, block.offset + 5);
-        if variance.max(0.0).sqrt() >= MAX_RHO_RATIO * feature.scale() {
+        let rho = feature.scale();
+        let variance = p.get(block.offset + 5, block.offset + 5).max(0.0) / (rho * rho);
+        // What is hardly known at all has no small steps.
+        if rho <= 0.0 || variance.is_nan() || variance >= 1.0 {
             continue;
         }
+        let weight = 1.0 / (variance + EXACT);
         let Some(point) = feature.point() else {
             continue;
         };
         let ray = point - camera;
         let by_point = ray / ray.norm_squared();
         for i in 0..3 {
-            scale[i] -= by_point[i];
+            scale[i] -= weight * by_point[i];
         }
         let by_feature = feature.point_jacobian().tr_mul(&by_point);
-        scale[block.range()].copy_from_slice(by_feature.as_slice());
-        count += 1.0;
+        for (b, value) in scale[block.range()].iter_mut().zip(by_feature.iter()) {
+            *b += weight * value;
+        }
+        total += weight;
     }
-    if count > 0.0 {
-        scale.iter_mut().for_each(|v| *v /= count);
+    if total > 0.0 {
+        scale.iter_mut().for_each(|v| *v /= total);
     }
 }

@@ -10,7 +10,11 @@
 //! ```
 //!
 //! takes `N(x)` to `N(x+)`. The coordinates are the attitude of the camera, and the mean logarithm of the range of
-//! points in view from it. Translations need none of this: their direction is the same everywhere.
+//! points in view from it, each weighted by how well it is known. Translations need none of this: their direction is the same
+//! everywhere.
+//!
+//! The mean follows it, too: a linear step `1 + a` along the scale takes lengths to `1 + a` times as much but inverse depths to
+//! `1 - a`, another shape of the map. What of the step of an inverse depth is along the scale becomes `1 / (1 + a)`.
 //!
 //! Only rows that a measurement may touch need to follow at once: those of the camera, of the clones, and of the
 //! features in view. A feature that leaves the view keeps its direction (`State::reference` has the mean that belongs to it) and
@@ -29,6 +33,9 @@ use crate::state::{Block, CAMERA_DIM, InWorld, Layout, Rest, State};
 use directions::SCALE;
 use nalgebra::SMatrix;
 use std::ops::Range;
+
+/// Past it a step along the scale is no small one, and what it would make of an inverse depth is no better than the linear one.
+const LARGEST_SHRINKAGE: f64 = -0.5;
 
 /// Buffers that only grow.
 #[derive(Clone, Debug, Default)]
@@ -171,6 +178,32 @@ impl Gauge {
         &self.change
     }
 
+    /// By how much a step `moved` of the stored rows makes camera and map grow, as a share, to first order.
+    fn growth(&self, moved: &[f64]) -> f64 {
+        let by_scale = column(&self.stored, moved.len(), SCALE).iter();
+        by_scale.zip(moved).map(|(b, d)| b * d).sum()
+    }
+
+    /// Moves inverse depths of the features `followed` as the lengths of the map have moved, of what a step `moved` of the stored
+    /// rows, made already, holds along the scale. Before [`Self::change`].
+    pub(crate) fn keep_shape(&self, state: &mut State, followed: &[u64], moved: &[f64]) {
+        let all = self.growth(moved).max(LARGEST_SHRINKAGE);
+        let (x, slots) = (&mut state.x, state.p.stored().slots);
+        for block in state.layout.features() {
+            if followed.binary_search(&block.id).is_err() {
+                continue;
+            }
+            let at = block.offset + 5;
+            let step = moved[slots[at]];
+            let before = x[at] - step;
+            if before > 0.0 {
+                // The rest of the step is the feature's own and stays linear, as pixels are in rho.
+                let growth = (-step / before).clamp(all.min(0.0), all.max(0.0));
+                x[at] += before * (1.0 / (1.0 + growth) - 1.0 + growth);
+            }
+        }
+    }
+
     /// `stored = D` of the rows that follow, a row that several features share being moved once.
     fn gather(&mut self, state: &State, followed: &[u64]) {
         directions(&state.reference, &state.layout, &mut self.from);
@@ -279,6 +312,58 @@ mod tests {
         coordinates(&state.reference, &state.layout, &state.p, among, &mut b);
         let t = DMatrix::identity(n, n) + d * DMatrix::from_vec(n, GAUGES, b).transpose();
         &t * state.p.to_dense() * t.transpose()
+    }
+
+    #[test]
+    fn a_map_that_grows_keeps_its_shape() {
+        let (mut state, [first, second, third]) = state();
+        let mut gauge = Gauge::default();
+        let followed = [first.id, second.id];
+        gauge.prepare(&state, &followed);
+        let before = state.x.clone();
+        let (grown, own) = (0.4, 0.05);
+        let mut step = all_directions(&before, &state).column(3) * grown;
+        let rho = |block: &Block| block.offset + 5;
+        step[rho(&second)] += own;
+        let slots = state.p.stored().slots.to_vec();
+        let mut moved = vec![0.0; state.p.stored().n];
+        for (i, &slot) in slots.iter().enumerate() {
+            state.x[i] += step[i];
+            moved[slot] = step[i];
+        }
+        // The own step of one of the two is in the mean of what they tell.
+        let all = gauge.growth(&moved);
+        assert!((all - grown).abs() < 0.1, "{all}");
+        gauge.keep_shape(&mut state, &followed, &moved);
+        let expected = |block: &Block, growth: f64| {
+            let (from, linear) = (before[rho(block)], before[rho(block)] + step[rho(block)]);
+            linear + from * (1.0 / (1.0 + growth) - 1.0 + growth)
+        };
+        let telling = |block: &Block| (-step[rho(block)] / before[rho(block)]).min(all);
+        for block in [&first, &second] {
+            let off = state.x[rho(block)] - expected(block, telling(block));
+            assert!(off.abs() < 1e-14, "{off:e}");
+        }
+        let unseen = state.x[rho(&third)] - before[rho(&third)] - step[rho(&third)];
+        assert_eq!(unseen, 0.0, "what is not followed is as the step left it");
+    }
+
+    #[test]
+    fn a_scale_that_hardly_anything_tells_has_no_coordinate() {
+        let (mut state, [first, second, _]) = state();
+        let followed = [first.id, second.id];
+        let tells = |state: &State| {
+            let mut b = Vec::new();
+            coordinates(&state.x, &state.layout, &state.p, &followed, &mut b);
+            b[3 * state.x.len()..].iter().any(|&b| b != 0.0)
+        };
+        for (ratio, expected) in [(0.9, true), (1.1, false)] {
+            for block in [&first, &second] {
+                let at = block.offset + 5;
+                state.p.set(at, at, (ratio * state.x[at]).powi(2));
+            }
+            assert_eq!(tells(&state), expected, "sd(rho) / rho = {ratio}");
+        }
     }
 
     fn carry(gauge: &mut Gauge, state: &mut State, followed: &[u64]) {
