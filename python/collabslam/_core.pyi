@@ -808,6 +808,12 @@ class Filter:
     def angular_velocity(self) -> NDArray[np.float64]:
         """Angular velocity in C, (3,) float64, rad/s."""
     @property
+    def twist(self) -> NDArray[np.float64]:
+        """Velocity of Cs and angular velocity, both along its own axes, (6,) float64, m/s and rad/s."""
+    @property
+    def pose_and_twist_covariance(self) -> NDArray[np.float64]:
+        """(12, 12) float64, covariance of the pose, as in :attr:`pose_covariance`, and of :attr:`twist`."""
+    @property
     def mean(self) -> NDArray[np.float64]:
         """The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`."""
     @property

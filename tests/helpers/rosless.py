@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from collabslam.live import ros, ros_types
+from collabslam.live import ros_out, ros_types
 
 
 class Node:
@@ -17,9 +17,18 @@ class Node:
     def __init__(self) -> None:
         self.takes: dict[str, Any] = {}
         self.sent: dict[str, list[bytes]] = {}
+        self.services: dict[str, Any] = {}
 
     def create_subscription(self, kind: Any, topic: str, take: Any, qos: Any, *, raw: bool) -> None:
         self.takes[topic] = take
+
+    def create_service(self, kind: Any, name: str, answer: Any) -> None:
+        self.services[name] = answer
+
+    def ask(self, name: str) -> tuple[bool, str]:
+        """Success and message of a service."""
+        response = self.services[name](None, types.SimpleNamespace(success=False, message=""))
+        return response.success, response.message
 
     def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
         sent = self.sent.setdefault(topic, [])
@@ -36,5 +45,8 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     monkeypatch.setitem(sys.modules, "rclpy", types.ModuleType("rclpy"))
     monkeypatch.setitem(sys.modules, "rclpy.qos", qos)
-    for module in (ros, ros_types):
+    std_srvs = types.ModuleType("std_srvs.srv")
+    vars(std_srvs).update(Trigger="std_srvs/srv/Trigger")
+    monkeypatch.setitem(sys.modules, "std_srvs.srv", std_srvs)
+    for module in (ros_out, ros_types):
         monkeypatch.setattr(module, "message_class", lambda kind: kind)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from collabslam.cli import OK, options
 from collabslam.cli.live_options import add_wheels, wheels_of
@@ -13,8 +16,14 @@ from collabslam.settings.modes import MODES
 
 if TYPE_CHECKING:
     from collabslam.live.gyro_topic import GyroTopic
+    from collabslam.live.ros import MapFiles
+    from collabslam.live.ros_frames import RosFrames
     from collabslam.live.ros_worn import WornTopics
+    from collabslam.settings.table import Settings
 
+LONGEST_LATENCY, FASTEST = 1.0, 1000.0
+TF_CHOICES = ("all", "map", "none")
+"""As `collabslam.live.ros_frames.TF_CHOICES`, which is not imported to tell of options."""
 NEEDED = {"--cf": "cf", "--cf-info": "cf_info", "--t-cf": "t_cf"}
 """Options that each worn camera needs, and what argparse calls them."""
 
@@ -52,10 +61,57 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "(optical, opengl, ros); without it tf tells how it sits",
     )
     parser.add_argument(
-        "--out", metavar="NAME", default="/collabslam", help="of published topics (default %(default)s)"
+        "--propagate",
+        metavar="HZ",
+        type=float,
+        default=100.0,
+        help="poses between frames, by the gyroscope (default %(default)g; 0: none)",
     )
+    parser.add_argument(
+        "--latency",
+        metavar="SECONDS",
+        type=float,
+        default=0.0,
+        help="by how much images of Cs are stamped after they were taken (default 0)",
+    )
+    _add_frames(parser)
+    parser.add_argument(
+        "--out",
+        metavar="NAME",
+        default="/collabslam",
+        help="of published topics and services (default %(default)s)",
+    )
+    parser.add_argument("--map", metavar="FILE", help="start in this map of an earlier run")
+    parser.add_argument("--save-map", metavar="FILE", help="where the service save_map writes it")
     parser.add_argument("--mode", choices=MODES, help="default: the setting's, or mono without --cf")
     options.add_settings(parser)
+
+
+def _add_frames(parser: argparse.ArgumentParser) -> None:
+    """Frames of REP 105."""
+    group = parser.add_argument_group("frames")
+    group.add_argument(
+        "--base",
+        metavar="X,Y,Z[,R,P,Y]|tf:BASE:CAMERA",
+        type=options.mount,
+        help="where Cs sits on the robot's base (x ahead, y left, z up): metres, and degrees of roll, pitch "
+        "and yaw of a camera that looks along x; or two frames that fixed links of tf join (default: as "
+        "--odometry-camera, else 0,0,0)",
+    )
+    for name, default in (("map", "map"), ("odom", "odom"), ("base", "base_link")):
+        group.add_argument(
+            f"--{name}-frame",
+            metavar="NAME",
+            default=default,
+            help="in tf and messages (default %(default)s)",
+        )
+    group.add_argument(
+        "--tf",
+        choices=TF_CHOICES,
+        default="all",
+        help="links that are sent: map -> odom -> base (all, default), map -> odom where the wheels' node "
+        "sends odom -> base (map), or none",
+    )
 
 
 def _deviations(text: str) -> tuple[float, float]:
@@ -69,26 +125,71 @@ def _deviations(text: str) -> tuple[float, float]:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run until Ctrl-C."""
-    from collabslam.live.ros import NAME, RosNode, RosTopics
+    from collabslam.live.ros import NAME
     from collabslam.live.ros_types import rclpy_of
 
-    worn, wheels, gyro = worn_topics(arguments), wheels_of(arguments), gyro_topic(arguments)
     rclpy = rclpy_of()
-    topics = RosTopics(arguments.cs, arguments.cs_info, worn, wheels, gyro, arguments.out)
-    alone = "scale-free" if wheels is None else "odometry"
-    mode, start = (arguments.mode, "worn") if worn else (arguments.mode or "mono", alone)
     rclpy.init(args=[])
     node = rclpy.create_node(NAME)
-    live = RosNode(node, topics, options.read_settings(arguments), mode=mode, start=start)
+    maps = map_files(arguments.map, arguments.save_map)
+    return spin(node, arguments, options.read_settings(arguments), lambda: maps)
+
+
+def map_files(start: str | None, save: str | None) -> MapFiles:
+    """The files of these names, of those that are given."""
+    from collabslam.live.ros import MapFiles
+
+    return MapFiles(*(Path(name) if name else None for name in (start, save)))
+
+
+def spin(node: Any, arguments: argparse.Namespace, settings: Settings, maps: Callable[[], MapFiles]) -> int:
+    """Run a ``rclpy`` node until Ctrl-C, with the arguments that `configure` asks for."""
+    from collabslam.live.ros import RosNode, RosTopics
+    from collabslam.live.ros_types import rclpy_of
+
+    rclpy = rclpy_of()
+    worn, wheels, gyro = worn_topics(arguments), wheels_of(arguments), gyro_topic(arguments)
+    topics = RosTopics(
+        arguments.cs,
+        arguments.cs_info,
+        worn,
+        wheels,
+        gyro,
+        arguments.out,
+        frames_of(arguments),
+        arguments.latency,
+        arguments.propagate,
+    )
+    alone = "scale-free" if wheels is None else "odometry"
+    mode, start = (arguments.mode, "worn") if worn else (arguments.mode or "mono", alone)
+    live = RosNode(node, topics, settings, mode=mode, start=start, maps=maps)
     try:
         rclpy.spin(node)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, import_module("rclpy.executors").ExternalShutdownException):
         pass
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
     live.close()
     return OK
+
+
+def frames_of(arguments: argparse.Namespace) -> RosFrames:
+    """Names of frames, and where Cs sits; raises SettingsError for a time or rate that cannot be."""
+    from collabslam.live.ros_frames import RosFrames
+
+    if not abs(arguments.latency) <= LONGEST_LATENCY:
+        raise SettingsError(
+            f"The latency is {arguments.latency} s; give at most {LONGEST_LATENCY:g} s either way."
+        )
+    if not 0.0 <= arguments.propagate <= FASTEST:
+        raise SettingsError(
+            f"{arguments.propagate} poses a second cannot be propagated; give 0 to {FASTEST:g}."
+        )
+    names = (arguments.map_frame, arguments.odom_frame, arguments.base_frame)
+    if len(set(names)) < len(names) or not all(names):
+        raise SettingsError(f"The frames {', '.join(names)} are not three different names; give such.")
+    return RosFrames(*names, arguments.base, arguments.tf)
 
 
 def gyro_topic(arguments: argparse.Namespace) -> GyroTopic | None:

@@ -34,7 +34,7 @@ def write_odometry(
     the transform from the world in which they are to the map.
 
     The covariance is ROS's: over (x, y, z, rotation about X, Y, Z), all along the fixed axes of W.  The
-    twist is not estimated: it is zero, and the first number of its covariance is -1.
+    twist is not in a result folder: it is zero, and the first number of its covariance is -1.
 
     Parameters
     ----------
@@ -91,7 +91,14 @@ def _map_message(types: Any, stamp: int, t_map_world: Array) -> Any:
     return types["tf2_msgs/msg/TFMessage"]([stamped])
 
 
-def odometry_message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> Any:
+def odometry_message(
+    types: Any,
+    stamp: int,
+    t_wc: Array,
+    covariance: Array,
+    twist: tuple[Array, Array] | None = None,
+    frames: tuple[str, str] = (WORLD, CAMERA),
+) -> Any:
     """One pose as ``nav_msgs/Odometry``.
 
     Parameters
@@ -103,20 +110,29 @@ def odometry_message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> 
     t_wc : (4, 4) array
     covariance : (6, 6) array
         Over (translation, rotation), tangent on the right.
+    twist : ((6,) array, (6, 6) array), optional
+        Velocity and angular velocity along the axes of the child's frame, m/s and rad/s, and their
+        covariance; without it the twist is zero and the first number of its covariance -1.
+    frames : (str, str)
+        That of the pose, and the child's.
     """
 
     def make(name: str, *values: Any) -> Any:
         return types[name](*values)
 
     x, y, z, qx, qy, qz, qw = position_quaternion(t_wc)
-    zero = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
-    twist = make("geometry_msgs/msg/Twist", zero, zero)
-    unknown = np.zeros(36)
-    unknown[0] = -1.0
+    values, spread = (np.zeros(6), np.diag([-1.0, 0, 0, 0, 0, 0])) if twist is None else twist
+    halves = [make("geometry_msgs/msg/Vector3", *map(float, half)) for half in (values[:3], values[3:])]
+    moving = make("geometry_msgs/msg/Twist", *halves)
+    spread = np.ascontiguousarray(spread, np.float64).ravel()
     return make(
         "nav_msgs/msg/Odometry",
-        make("std_msgs/msg/Header", make("builtin_interfaces/msg/Time", *divmod(stamp, _NANOSECONDS)), WORLD),
-        CAMERA,
+        make(
+            "std_msgs/msg/Header",
+            make("builtin_interfaces/msg/Time", *divmod(stamp, _NANOSECONDS)),
+            frames[0],
+        ),
+        frames[1],
         make(
             "geometry_msgs/msg/PoseWithCovariance",
             make(
@@ -126,5 +142,5 @@ def odometry_message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> 
             ),
             tangent_to_fixed(t_wc, covariance).ravel(),
         ),
-        make("geometry_msgs/msg/TwistWithCovariance", twist, unknown),
+        make("geometry_msgs/msg/TwistWithCovariance", moving, spread),
     )

@@ -55,7 +55,8 @@ class Downlink:
         step = pose.step
         if step.valid and np.isfinite(step.covariance).all():
             self._out[names.POSE].put(messages.robot_pose(step.t, step.pose, step.covariance))
-            self._out[names.ODOMETRY].put(messages.odometry(step.t, step.pose, step.covariance))
+            twist = slam.filter.twist, slam.filter.pose_and_twist_covariance[6:, 6:]
+            self._out[names.ODOMETRY].put(messages.odometry(step.t, step.pose, step.covariance, twist))
         if step.valid and np.isfinite(step.covariance_map).all():
             in_map = messages.pose_in_map(step.t, step.pose_map, step.covariance_map)
             self._out[names.POSE_MAP].put(in_map)
@@ -63,7 +64,9 @@ class Downlink:
         if self._is_due(names.STATUS, STATUS_EVERY):
             self._out[names.STATUS].put(status_of(pose, facts, devices, view_plans_of(pose, slam)))
         if self._is_due(names.MAP, MAP_EVERY) and step.started and self._wanted(names.MAP):
-            self._out[names.MAP].put(messages.cloud(step.t, slam.landmarks().points))
+            found = slam.landmarks()
+            sd = messages.point_sd(found.covariance)
+            self._out[names.MAP].put(messages.cloud(step.t, found.points, sd))
         if self._is_due(names.VIEW, VIEW_EVERY) and self._wanted(names.VIEW):
             picture = view_picture(pose, slam.worn_cameras)
             self._out[names.VIEW].put(messages.compressed_image(step.t, "cs_optical", picture))

@@ -178,7 +178,7 @@ class Gateway:
 
     def _map(self, key: str, payload: bytes) -> None:
         with contextlib.suppress(DataError):
-            points = messages.cloud_from(payload)[:MAP_POINTS]
+            points = messages.cloud_from(payload)[0][:MAP_POINTS]
             self._tell(map=np.round(points[:, [0, 2]], 3).tolist())
 
     def _view(self, key: str, payload: bytes) -> None:

@@ -35,6 +35,7 @@ GYRO = "cs_gyro"
 
 FARTHEST = 2.0**31
 """Seconds before which stamps are."""
+_CLOUD_FIELDS = ("x", "y", "z", "sd")
 LEVELS = {"OK": b"\0", "DEGRADED": b"\1", "COASTING": b"\1", "LOST": b"\2"}
 
 
@@ -125,9 +126,15 @@ def pose_from(data: bytes, where: str) -> tuple[float, Array, Array]:
     return stamp_of(message), *pose_and_covariance_of(message, where)
 
 
-def odometry(t: float, t_wc: Array, covariance: Array) -> bytes:
-    """The robot's pose as Odometry; see `collabslam.formats.ros_odometry`."""
-    return encoded(ODOMETRY, odometry_message(store().types, _stamp(t), t_wc, covariance))
+def odometry(
+    t: float,
+    t_wc: Array,
+    covariance: Array,
+    twist: tuple[Array, Array] | None = None,
+    frames: tuple[str, str] = (WORLD, CAMERA),
+) -> bytes:
+    """A pose, and a twist with its covariance, as Odometry; see `collabslam.formats.ros_odometry`."""
+    return encoded(ODOMETRY, odometry_message(store().types, _stamp(t), t_wc, covariance, twist, frames))
 
 
 def rate(t: float, value: Array) -> bytes:
@@ -147,12 +154,12 @@ def rate_of(message: Any) -> Array:
     return np.array([w.x, w.y, w.z])
 
 
-def twist(t: float, value: Array, covariance: Array) -> bytes:
-    """A twist (6,) with covariance (6, 6), of the odometry's frame, as TwistWithCovarianceStamped."""
+def twist(t: float, value: Array, covariance: Array, frame: str = "base_link") -> bytes:
+    """A twist (6,) with covariance (6, 6) along a frame's axes as TwistWithCovarianceStamped."""
     halves = [make("geometry_msgs/msg/Vector3", *map(float, half)) for half in (value[:3], value[3:])]
     inner = make("geometry_msgs/msg/Twist", *halves)
     whole = make("geometry_msgs/msg/TwistWithCovariance", inner, covariance.ravel())
-    return encoded(TWIST, make(TWIST, header(t, "base_link"), whole))
+    return encoded(TWIST, make(TWIST, header(t, frame), whole))
 
 
 def robot_pose(t: float, t_wc: Array, covariance: Array) -> bytes:
@@ -246,10 +253,9 @@ def status_from(data: bytes) -> dict[str, dict[str, str]]:
     }
 
 
-def transforms(t: float, t_map_world: Array, t_wc: Array) -> bytes:
-    """As TFMessage: from the map's frame to the world's, which loops alone move, and on to the camera's."""
-    links = [_link(t, MAP, WORLD, t_map_world), _link(t, WORLD, CAMERA, t_wc)]
-    return encoded(TRANSFORMS, make(TRANSFORMS, links))
+def transforms(t: float, *links: tuple[str, str, Array]) -> bytes:
+    """TFMessage of links: parent, child, and the child's pose (4, 4) in the parent."""
+    return encoded(TRANSFORMS, make(TRANSFORMS, [_link(t, *link) for link in links]))
 
 
 def _link(t: float, parent: str, child: str, t_parent_child: Array) -> Any:
@@ -259,21 +265,30 @@ def _link(t: float, parent: str, child: str, t_parent_child: Array) -> Any:
     return make("geometry_msgs/msg/TransformStamped", header(t, parent), child, whole)
 
 
-def cloud(t: float, points: Array) -> bytes:
-    """Points (N, 3), metres in W, as PointCloud2 of float32 x, y, z."""
-    data = np.ascontiguousarray(points, "<f4").view(np.uint8).ravel()
-    fields = [make("sensor_msgs/msg/PointField", name, 4 * k, 7, 1) for k, name in enumerate(("x", "y", "z"))]
-    count = len(points)
-    message = make(CLOUD, header(t, WORLD), 1, count, fields, False, 12, 12 * count, data, True)
+def cloud(t: float, points: Array, sd: Array, frame: str = WORLD) -> bytes:
+    """Points (N, 3), metres in a frame, as PointCloud2 of float32 x, y, z, and ``sd`` (N,), metres."""
+    rows = np.column_stack([points, sd]).reshape(-1, len(_CLOUD_FIELDS))
+    data = np.ascontiguousarray(rows, "<f4").view(np.uint8).ravel()
+    fields = [make("sensor_msgs/msg/PointField", name, 4 * k, 7, 1) for k, name in enumerate(_CLOUD_FIELDS)]
+    count, step = len(rows), 4 * len(_CLOUD_FIELDS)
+    message = make(CLOUD, header(t, frame), 1, count, fields, False, step, step * count, data, True)
     return encoded(CLOUD, message)
 
 
-def cloud_from(data: bytes) -> Array:
-    """Points (N, 3) of a `cloud`; raises DataError."""
-    message = decoded(CLOUD, data)
-    if message.point_step != 12 or len(message.data) % 12:
-        raise DataError("The cloud has other fields than x, y and z; send float32 of these.")
-    return np.frombuffer(bytes(message.data), "<f4").reshape(-1, 3).astype(np.float64)
+def cloud_from(data: bytes) -> tuple[Array, Array]:
+    """Points (N, 3) and standard deviations (N,) of a `cloud`; raises DataError."""
+    message, step = decoded(CLOUD, data), 4 * len(_CLOUD_FIELDS)
+    if message.point_step != step or len(message.data) % step:
+        raise DataError(f"The cloud has other fields than {', '.join(_CLOUD_FIELDS)}; send float32 of these.")
+    rows = np.frombuffer(bytes(message.data), "<f4").reshape(-1, len(_CLOUD_FIELDS)).astype(np.float64)
+    return rows[:, :3], rows[:, 3]
+
+
+def point_sd(covariance: Array) -> Array:
+    """The standard deviation (N,) of points along the direction in which each is known least, metres."""
+    if not len(covariance):
+        return np.empty(0)
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0)))
 
 
 def text(value: str) -> bytes:

@@ -5,35 +5,41 @@ Messages pass as CDR, as they came: rclpy moves them, rosbags reads and writes t
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import TimeoutError as TooLate
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.ros.transform_tree import TransformTree
-from collabslam.errors import CollabslamError, DataError
-from collabslam.live import messages, names
+from collabslam.errors import CollabslamError, InputError
+from collabslam.live import messages
 from collabslam.live.core import LivePose
-from collabslam.live.downlink import MAP_EVERY, STATUS_EVERY, status_of, view_plans_of, worn_poses
 from collabslam.live.gyro_topic import GyroTopic, sample_of
-from collabslam.live.ros_types import image_kind, message_class, stamped_image, subscribe
+from collabslam.live.propagation import Motion, Propagator
+from collabslam.live.ros_frames import TF_MAP, Base, RosFrames
+from collabslam.live.ros_out import RosOut
+from collabslam.live.ros_services import offer_services
+from collabslam.live.ros_types import image_kind, stamped_image, subscribe
 from collabslam.live.ros_worn import TF, RosWorn, Take, WornTopics, check_own
 from collabslam.live.slam import LiveSlam
 from collabslam.live.views import LiveView
 from collabslam.live.wheels import WheelSamples, WheelTopic
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
+from collabslam.slam.map.saved_map import SavedMap
 from collabslam.types import Array, Imu
 
 NAME = "collabslam"
 TF_STATIC = "/tf_static"
-WORN_POSE = "worn_pose"
-"""Of the published topics that of a worn camera; of several persons the name follows."""
+PATIENCE = 5.0
+"""Seconds that a service waits for the filter's thread."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,11 @@ class RosTopics:
         Its gyroscope.
     out : str
         What the published topics' names begin with.
+    frames : RosFrames
+    latency : float
+        Seconds by which images of Cs are stamped after they were taken.
+    propagate : float
+        Poses a second between frames, by the gyroscope; 0 for none.
     """
 
     cs: str
@@ -60,6 +71,17 @@ class RosTopics:
     wheels: WheelTopic | None = None
     gyro: GyroTopic | None = None
     out: str = "/collabslam"
+    frames: RosFrames = field(default_factory=RosFrames)
+    latency: float = 0.0
+    propagate: float = 100.0
+
+
+@dataclass(frozen=True)
+class MapFiles:
+    """``start``: the map to start in; ``save``: where a map is saved; None where there is none."""
+
+    start: Path | None = None
+    save: Path | None = None
 
 
 class RosNode:
@@ -75,11 +97,13 @@ class RosNode:
         The settings' if None.
     start : str
         As of `collabslam.Slam`.
+    maps : callable, optional
+        Says which files of maps are asked for now; a map to start in at the first call is started in at once.
 
     Raises
     ------
     DataError
-        If message types are not installed, or the sensors file is not usable.
+        If message types are not installed, or the sensors file or the map is not usable.
     SettingsError
         If T_CF is to come from tf and its standard deviations are missing, or two persons share a topic.
     """
@@ -92,14 +116,17 @@ class RosNode:
         *,
         mode: str | None = None,
         start: str = "worn",
+        maps: Callable[[], MapFiles] = MapFiles,
     ) -> None:
-        self.poses = 0
         self._topics, self._settings, self._mode, self._start = topics, settings, mode, start
+        self._maps = maps
+        first = maps().start
+        self._map = None if first is None else SavedMap.load(first)
         self._camera: Camera | None = None
         self._worn_cameras: dict[str, Camera] = {}
         self._live: LiveSlam | None = None
+        self._propagator: Propagator | None = None
         self._refused = 0
-        self._due = dict.fromkeys(("status", "map"), -float("inf"))
         self._frame = self._info_frame = self._gyro_frame = ""
         self._tree = TransformTree()
         self._wheels = topics.wheels
@@ -117,28 +144,12 @@ class RosNode:
             subscribe(node, topic, kind, take, self._refuse, latched=topic == TF_STATIC)
             for topic, kind, take in takes
         ]
-        self._out = {
-            name: node.create_publisher(message_class(kind), f"{topics.out}/{name}", 10)
-            for name, kind in (
-                ("pose", messages.POSE),
-                ("pose_map", messages.POSE),
-                ("odometry", messages.ODOMETRY),
-                ("map", messages.CLOUD),
-                *((names.of_person(WORN_POSE, name), messages.POSE) for name in topics.worn),
-            )
-        }
-        for name, kind, topic in (
-            ("status", messages.STATUS, "/diagnostics"),
-            ("tf", messages.TRANSFORMS, "/tf"),
-        ):
-            self._offer(node, name, kind, topic)
-
-    def _offer(self, node: Any, name: str, kind: str, topic: str) -> None:
-        """A topic of messages that a small ROS may lack."""
-        try:
-            self._out[name] = node.create_publisher(message_class(kind), topic, 10)
-        except DataError as error:
-            node.get_logger().warning(f"no {topic}: {error}")
+        self._out = RosOut(node, topics.out, topics.frames, topics.worn, self._tree)
+        self._kept += offer_services(
+            node,
+            topics.out,
+            {"save_map": self._save_map, "start_in_map": self._start_in_map, "reset": self._reset},
+        )
 
     def close(self) -> None:
         """Ends the filter; raises whatever ended it before."""
@@ -163,18 +174,26 @@ class RosNode:
         missing = self._worn.keys() - self._worn_cameras.keys()
         if self._live is not None or self._camera is None or missing or t_bc is None:
             return
-        if self._topics.gyro is not None and imu is None:
+        base = self._topics.frames.t_bc(self._tree, None if self._wheels is None else t_bc)
+        if base is None or (self._topics.gyro is not None and imu is None):
             return
+        self._out.base = Base(base)
         worn = {name: self._worn_cameras[name] for name in self._worn}
         slam = Slam(
             self._camera,
             worn,
             settings=self._settings,
             mode=self._mode,
-            start=self._start,
+            start=self._start if self._map is None else "map",
+            map=self._map,
             t_bc=t_bc,
             imu=imu,
         )
+        if imu is not None and self._topics.propagate > 0.0:
+            sizes = self._settings.replace(imu.sizes).filter
+            self._propagator = Propagator(
+                imu.r_ci, sizes.imu.gyro_noise, sizes.process.acceleration_density, self._topics.propagate
+            )
         self._live = LiveSlam(slam, on_pose=self._publish, same_clock=True)
 
     def _mount(self) -> Array | None:
@@ -190,6 +209,9 @@ class RosNode:
         frame, t, rate = sample_of(data)
         if self._live is not None:
             self._live.push_gyro(t, rate)
+            found = None if self._propagator is None else self._propagator.add(t, rate)
+            if found is not None:
+                self._out.propagated(found)
         elif frame != self._gyro_frame:
             self._gyro_frame = frame
             self._begin()
@@ -202,13 +224,13 @@ class RosNode:
                 yield topic, kind, partial(self._measure, worn, take)
 
     def _of_tf(self, topics: RosTopics) -> Iterator[Take]:
-        """What is to be heard of tf: all, if it tells a T_CF; fixed links, if it places Cs or a gyroscope."""
-        moving = any(of.t_cf == TF for of in topics.worn.values())
+        """What is to be heard of tf: all, if it tells a T_CF or odom -> base; else fixed links, if asked."""
+        moving = any(of.t_cf == TF for of in topics.worn.values()) or topics.frames.tf == TF_MAP
         if moving:
             yield TF, messages.TRANSFORMS, partial(self._transforms, static=False)
         wheels, gyro = topics.wheels, topics.gyro
         fixed = wheels is not None and wheels.given.frames is not None
-        if moving or fixed or (gyro is not None and gyro.asks_tf):
+        if moving or fixed or topics.frames.asks_tf or (gyro is not None and gyro.asks_tf):
             yield TF_STATIC, messages.TRANSFORMS, partial(self._transforms, static=True)
 
     def _of_wheels(self, wheels: WheelTopic) -> Take:
@@ -225,7 +247,7 @@ class RosNode:
     def _robot(self, topic: str, data: bytes) -> None:
         t, image, self._frame = stamped_image(topic, data)
         if self._live is not None:
-            self._live.push_robot(t, image)
+            self._live.push_robot(t - self._topics.latency, image)
 
     def _measure(self, worn: RosWorn, take: Callable[[bytes], None], data: bytes) -> None:
         """A message of a worn camera, or of what tells its T_CF."""
@@ -246,33 +268,61 @@ class RosNode:
         self._refused += 1
 
     def _publish(self, pose: LivePose) -> None:
-        step = pose.step
-        if step.valid:
-            self._out["pose"].publish(messages.robot_pose(step.t, step.pose, step.covariance))
-            self._out["odometry"].publish(messages.odometry(step.t, step.pose, step.covariance))
-            in_map = messages.pose_in_map(step.t, step.pose_map, step.covariance_map)
-            self._out["pose_map"].publish(in_map)
-            if "tf" in self._out:
-                self._out["tf"].publish(messages.transforms(step.t, step.t_map_odom, step.pose))
-            self.poses += 1
-        for name, place in worn_poses(pose).items():
-            self._out[names.of_person(WORN_POSE, name)].publish(place)
-        live = self._live
+        live, step = self._live, pose.step
         if live is None:
             return
-        if "status" in self._out and self._is_due("status", STATUS_EVERY):
-            dropped = {f"dropped {k}": v for k, v in live.dropped.items()}
-            dropped |= {"refused": self._refused + sum(live.refused.values())}
-            unposed = sum((Counter(worn.unposed) for worn in self._worn.values()), Counter())
-            dropped |= {f"no pose: {k}": v for k, v in unposed.items()}
-            persons: dict[str, dict[str, float]] = {name: {} for name in self._worn if name}
-            self._out["status"].publish(status_of(pose, dropped, persons, view_plans_of(pose, live.slam)))
-        if step.started and self._is_due("map", MAP_EVERY):
-            self._out["map"].publish(messages.cloud(step.t, live.slam.landmarks().points))
+        facts = {f"dropped {k}": v for k, v in live.dropped.items()}
+        facts |= {"refused": self._refused + sum(live.refused.values())}
+        unposed = sum((Counter(worn.unposed) for worn in self._worn.values()), Counter())
+        facts |= {f"no pose: {k}": v for k, v in unposed.items()}
+        self._out.frame(pose, live.slam, facts, self._worn)
+        if self._propagator is not None:
+            core, gyro = live.slam.filter, step.gyro
+            known = step.valid and gyro is not None and gyro.followed
+            self._propagator.motion = (
+                Motion(
+                    step.t,
+                    step.pose,
+                    core.twist,
+                    core.pose_and_twist_covariance,
+                    gyro.bias,
+                    gyro.bias_sd,
+                    gyro.time_offset,
+                )
+                if known and gyro is not None
+                else None
+            )
 
-    def _is_due(self, name: str, every: float) -> bool:
-        now = time.monotonic()
-        if now - self._due[name] < every:
-            return False
-        self._due[name] = now
-        return True
+    def _save_map(self) -> str:
+        live, place = self._running(), self._maps().save
+        if place is None:
+            raise InputError("No file was named for the map; say where it is to be saved (save_map).")
+        try:
+            live.ask(Slam.saved_map).result(PATIENCE).save(place)
+        except TooLate:
+            raise InputError("The filter is busy and did not give its map; ask again.") from None
+        return f"the map is in {place}"
+
+    def _start_in_map(self) -> str:
+        place = self._maps().start
+        if place is None:
+            raise InputError("No map was named to start in; name its file (map).")
+        self._again(SavedMap.load(place))
+        return f"it starts in {place}"
+
+    def _reset(self) -> str:
+        self._again(None)
+        return "it begins anew"
+
+    def _again(self, found: SavedMap | None) -> None:
+        """Another filter in place of this one, with the same cameras."""
+        live, self._live, self._propagator = self._running(), None, None
+        with suppress(CollabslamError):  # what has ended it is the reason to begin anew
+            live.close(flush=False)
+        self._map = found
+        self._begin()
+
+    def _running(self) -> LiveSlam:
+        if self._live is None:
+            raise InputError("The filter has not begun: CameraInfo, or a link of tf, has not come yet.")
+        return self._live

@@ -8,8 +8,9 @@ import threading
 import weakref
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -46,6 +47,7 @@ BOUNDS: dict[type, int] = {
     GyroSample: 4000,
 }
 """Events of each kind that wait for the filter at most, views of each person; the oldest gives way."""
+T = TypeVar("T")
 Queue = tuple[type, str | None]
 LAST_FRAME = 10.0
 """Seconds that a program that ends waits for the frame that is being worked on."""
@@ -96,6 +98,7 @@ class LiveSlam:
         self._on_pose, self._on_event = on_pose, on_event
         self._change = threading.Condition()
         self._events: deque[Event] = deque()
+        self._questions: deque[Callable[[], None]] = deque()
         self._waiting: Counter[Queue] = Counter()
         self._lost: Counter[type] = Counter()
         self._closing, self._flush = False, True
@@ -186,6 +189,32 @@ class LiveSlam:
         """Any of these; raises as they do."""
         self._push(checked(event))
 
+    def ask(self, question: Callable[[Slam], T]) -> Future[T]:
+        """Has the filter's thread call ``question`` with the engine before the next event.
+
+        Returns what becomes of it: what it returns, or raises.
+
+        Raises
+        ------
+        InputError
+            If it is closed.
+        CollabslamError
+            Whatever ended the filter.
+        """
+        answer: Future[T] = Future()
+
+        def work() -> None:
+            try:
+                answer.set_result(question(self.slam))
+            except Exception as error:
+                answer.set_exception(error)
+
+        with self._change:
+            self._check_open()
+            self._questions.append(work)
+            self._change.notify()
+        return answer
+
     @property
     def dropped(self) -> dict[str, int]:
         """Views that were dropped, by reason (`collabslam.live.views.REASONS`, `Slam.worn_dropped`), and
@@ -246,10 +275,7 @@ class LiveSlam:
     def _push(self, event: Event) -> None:
         kind, queue = type(event), self._queue(event)
         with self._change:
-            if self._error is not None:
-                raise self._error
-            if self._closing:
-                raise InputError("This LiveSlam is closed; make another one.")
+            self._check_open()
             if self._waiting[queue] >= BOUNDS[kind]:
                 self._remove(next(e for e in self._events if self._queue(e) == queue))
                 self._waiting[queue] += 1
@@ -259,6 +285,12 @@ class LiveSlam:
                 self._waiting[queue] += 1
             self._events.append(event)
             self._change.notify()
+
+    def _check_open(self) -> None:
+        if self._error is not None:
+            raise self._error
+        if self._closing:
+            raise InputError("This LiveSlam is closed; make another one.")
 
     def _remove(self, event: Event) -> None:
         """Lose one that waits."""
@@ -273,11 +305,13 @@ class LiveSlam:
         for view in [event for event in before if isinstance(event, LiveView)]:
             self._remove(view)
 
-    def _next(self) -> Event | None:
-        """The next event; None when there is none left and none will come."""
+    def _next(self) -> Event | Callable[[], None] | None:
+        """A question, or the next event; None when there is none left and none will come."""
         with self._change:
-            while not self._events and not self._closing:
+            while not self._events and not self._questions and not self._closing:
                 self._change.wait()
+            if self._questions:
+                return self._questions.popleft()
             if not self._events or (self._closing and not self._flush):
                 return None
             event = self._events.popleft()
@@ -292,6 +326,9 @@ class LiveSlam:
     def _work(self) -> None:
         try:
             while (event := self._next()) is not None:
+                if callable(event):
+                    event()
+                    continue
                 self._call(self._on_event, event)
                 pose = self._core.handle(event)
                 if pose is not None:

@@ -45,20 +45,27 @@ def test_exchanges_cameras_clouds_and_status() -> None:
     camera = Camera("fisheye", 640, 480, (300.0, 301.0, 320.5, 240.5), (0.1, 0.01, -0.02, 0.003))
     assert repr(messages.camera_from(messages.camera_info(0.0, "cs", camera), "test")) == repr(camera)
     points = np.array([[1.0, 2.0, 3.0], [-4.0, 0.5, 0.25]])
-    assert (messages.cloud_from(messages.cloud(1.0, points)) == points).all()
+    sd = messages.point_sd(np.array([np.diag([0.01, 0.04, 0.01]), np.diag([0.25, 0.0, 0.0])]))
+    np.testing.assert_allclose(sd, [0.2, 0.5])
+    there, sd_there = messages.cloud_from(messages.cloud(1.0, points, sd, "map"))
+    np.testing.assert_array_equal(there, points)
+    np.testing.assert_allclose(sd_there, sd, rtol=1e-6)
+    assert (
+        len(messages.cloud_from(messages.cloud(1.0, points[:0], messages.point_sd(np.empty((0, 3, 3)))))[0])
+        == 0
+    )
     told = messages.status_from(messages.status(1.0, {"robot": ("LOST", "LOST", {"map_size": 3})}))
     assert told == {"robot": {"message": "LOST", "map_size": "3"}}
 
 
 def test_the_transforms_lead_from_the_map_to_the_camera() -> None:
-    (t_mw, _), (t_wc, covariance) = some_pose(1), some_pose(0)
-    links = messages.decoded(messages.TRANSFORMS, messages.transforms(2.5, t_mw, t_wc)).transforms
-    assert links[0].child_frame_id == links[1].header.frame_id
+    (t_mw, _), (t_wc, _) = some_pose(1), some_pose(0)
+    sent = messages.transforms(2.5, ("map", "odom", t_mw), ("odom", "base_link", t_wc))
+    links = messages.decoded(messages.TRANSFORMS, sent).transforms
+    assert [(k.header.frame_id, k.child_frame_id) for k in links] == [("map", "odom"), ("odom", "base_link")]
     for link, there in zip(links, (t_mw, t_wc), strict=True):
         assert messages.stamp_of(link) == 2.5
         assert (link.transform.translation.x, link.transform.translation.z) == (there[0, 3], there[2, 3])
-    in_map = messages.decoded(messages.POSE, messages.pose_in_map(2.5, t_mw @ t_wc, covariance))
-    assert in_map.header.frame_id == links[0].header.frame_id
 
 
 def test_other_messages_are_refused() -> None:

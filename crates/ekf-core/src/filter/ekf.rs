@@ -164,6 +164,24 @@ impl Filter {
         self.memory.state.told().pose_covariance() + self.memory.map_frame.of_pose(&pose)
     }
 
+    /// Velocity and angular velocity of Cs along its own axes, m/s and rad/s.
+    pub fn twist(&self) -> Vector6<f64> {
+        let state = &self.memory.state;
+        let back = quat::rotation(&state.camera_pose().q).transpose();
+        let (v, w) = (back * state.velocity(), state.angular_velocity());
+        Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
+    }
+
+    /// 12x12 covariance of the pose, as [`Self::pose_covariance`] has it, and of the twist.
+    pub fn pose_and_twist_covariance(&self) -> SMatrix<f64, 12, 12> {
+        let mut all = self.memory.state.told().pose_and_twist_covariance();
+        let pose = self.memory.state.camera_pose();
+        let of_map = self.memory.map_frame.of_pose(&pose);
+        let mut own = all.fixed_view_mut::<6, 6>(0, 0);
+        own += of_map;
+        all
+    }
+
     /// Features that the gauge transport follows: those in view, and those that were in view and are still close to it,
     /// increasing.
     pub fn followed(&self) -> &[u64] {

@@ -10,7 +10,7 @@
 use super::{Block, BlockKind, CAMERA_DIM, State};
 use crate::kernel::{Panels, Product};
 use crate::math::pose::tangent_map;
-use nalgebra::{DMatrix, DVector, Matrix6, SMatrix};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix};
 use std::ops::Range;
 
 /// Most error modes at a time.
@@ -48,6 +48,23 @@ impl Told<'_> {
         let to_tangent = tangent_map(&self.state.camera_pose().q);
         let p = self.block::<7, 7>(0, 0);
         let p = to_tangent * p * to_tangent.transpose();
+        (p + p.transpose()) * 0.5
+    }
+
+    /// 12x12 covariance of the pose, as above, then of velocity and angular velocity along the axes of C.
+    pub(crate) fn pose_and_twist_covariance(&self) -> SMatrix<f64, 12, 12> {
+        let pose = self.state.camera_pose();
+        let back = crate::math::quat::rotation(&pose.q).transpose();
+        let to_tangent = tangent_map(&pose.q);
+        let velocity = back * self.state.velocity();
+        let mut by = SMatrix::<f64, 12, CAMERA_DIM>::zeros();
+        by.fixed_view_mut::<6, 7>(0, 0).copy_from(&to_tangent);
+        let turned = velocity.cross_matrix() * to_tangent.fixed_view::<3, 7>(3, 0);
+        by.fixed_view_mut::<3, 7>(6, 0).copy_from(&turned);
+        by.fixed_view_mut::<3, 3>(6, 7).copy_from(&back);
+        by.fixed_view_mut::<3, 3>(9, 10)
+            .copy_from(&Matrix3::identity());
+        let p = by * self.block::<CAMERA_DIM, CAMERA_DIM>(0, 0) * by.transpose();
         (p + p.transpose()) * 0.5
     }
 

@@ -230,6 +230,20 @@ impl PyFilter {
         Ok(column(py, w.iter().copied()))
     }
 
+    /// Velocity of Cs and angular velocity, both along its own axes, (6,) float64, m/s and rad/s.
+    #[getter]
+    fn twist(&self, py: Python<'_>) -> PyResult<Column<f64>> {
+        let twist = self.read(py, |f| Ok(f.twist()))?;
+        Ok(column(py, twist.iter().copied()))
+    }
+
+    /// (12, 12) float64, covariance of the pose, as in :attr:`pose_covariance`, and of :attr:`twist`.
+    #[getter]
+    fn pose_and_twist_covariance(&self, py: Python<'_>) -> PyResult<Table> {
+        let covariance = self.read(py, |f| Ok(f.pose_and_twist_covariance()))?;
+        Ok(to_matrix(py, &covariance))
+    }
+
     /// The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`.
     #[getter]
     fn mean(&self, py: Python<'_>) -> PyResult<Column<f64>> {

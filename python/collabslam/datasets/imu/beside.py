@@ -48,7 +48,7 @@ class GyroGiven:
         """What is told of it; raises DataError if a file cannot be read."""
         if self.imu is None:
             return ImuFile()
-        if self.imu in MOUNTS and not Path(self.imu).exists():
+        if self.imu in MOUNTS and not Path(self.imu).is_file():
             return ImuFile(r_ci=MOUNTS[self.imu])
         if not Path(self.imu).exists():
             raise DataError(
