@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Prediction, pose_inverse
+from collabslam.level import Level
 from collabslam.types import Array, Ids, Status
 
 FEATURE_STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
@@ -140,6 +141,8 @@ class StepResult:
         What became of each feature that should be visible; a checkpoint does not keep it.
     gyro : GyroEstimate or None
         Of the gyroscope, where there is one.
+    level : Level or None
+        Which way is down in W, once accelerations tell it; None until then.
     """
 
     t: float
@@ -156,6 +159,7 @@ class StepResult:
     worn: Mapping[str, WornPose] = field(default_factory=dict)
     features: FrameFeatures = field(default_factory=FrameFeatures)
     gyro: GyroEstimate | None = None
+    level: Level | None = None
 
     @property
     def t_map_odom(self) -> Array:

@@ -17,7 +17,7 @@ SOURCES = {
     "collabslam": Path(collabslam.__file__).parent,
     "collabslam_lab": Path(collabslam_lab.__file__).parent,
 }
-BASE = {"_core", "errors", "types", "results", "geometry", "extras"}
+BASE = {"_core", "errors", "types", "results", "geometry", "level", "extras"}
 
 ALLOWED: dict[str, set[str]] = {
     # what stands alone
@@ -25,8 +25,9 @@ ALLOWED: dict[str, set[str]] = {
     "version": {"_core"},
     "extras": {"errors"},
     "types": {"_core", "errors"},
-    "results": {"_core", "types"},
     "geometry": {"_core", "errors", "types"},
+    "level": {"geometry", "types"},
+    "results": {"_core", "types", "level"},
     "images": {"_core", "errors", "types"},
     # what the product is made of, from the bottom to the top
     "evaluation": BASE,

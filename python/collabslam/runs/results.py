@@ -38,9 +38,9 @@ from collabslam.formats.trajectory import (
     write_covariances,
     write_tum,
 )
+from collabslam.level import Level
 from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.runs.folder import CONFIG, unwritable
-from collabslam.runs.level import Level
 from collabslam.runs.worn_results import PATTERNS, WornTracks, worn_cells, worn_columns
 from collabslam.types import Array
 
@@ -261,7 +261,8 @@ class ResultWriter:
         poses, covariances = level.poses(record.poses[use], record.covariances[use])
         write_tum(self.folder / LEVEL_TRAJECTORY, record.times[use], poses, note=_LEVEL_NOTE, unit=unit)
         write_covariances(self.folder / LEVEL_COVARIANCE, record.times[use], covariances, unit)
-        write_ply(self.folder / LEVEL_MAP, level.landmarks(landmarks), unit)
+        moved = Landmarks(landmarks.ids, *level.points(landmarks.points, landmarks.covariance))
+        write_ply(self.folder / LEVEL_MAP, moved, unit)
 
     def complete(self) -> None:
         """Nothing is left to do: the checkpoint is removed."""

@@ -15,11 +15,12 @@ from collabslam.errors import CollabslamError, DataError, FilterError, InputErro
 from collabslam.evaluation.record import RunRecord
 from collabslam.evaluation.scoring import AlignedTruth, align_truth
 from collabslam.formats.files import try_place
+from collabslam.level import Level
 from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.runs.checkpoint import Checkpoint, fingerprint
 from collabslam.runs.folder import claim, locked
 from collabslam.runs.interrupts import Interrupts
-from collabslam.runs.level import LEVEL, WORLD_NOTE, Level, measured_level, parse_world
+from collabslam.runs.level import LEVEL, WORLD_NOTE, measured_level, parse_world
 from collabslam.runs.plan import MODE_KEY, Interval, Output, Plan
 from collabslam.runs.progress import Progress
 from collabslam.runs.rate_poses import RATE_NOTE, rate_poses, write_rate_poses

@@ -56,7 +56,7 @@ class Slam:
     t_bc : (4, 4) array, optional
         Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
     imu : Imu, optional
-        Needed for `add_gyro`: how the gyroscope sits, and how good it is.
+        Needed for `add_gyro` and `add_acceleration`: how the sensor sits, and how good it is.
     mask : (H, W) array of bool or uint8, optional
         What is never scene in the images of Cs, such as the robot's own arm: 0 there, another value
         elsewhere. No corner, patch or match is taken there.
@@ -113,6 +113,8 @@ class Slam:
         metric = start != "scale-free" if map is None else map.metric
         known = target if isinstance(target, Target) else None
         self._use(Parts(core, camera, named, settings, start, metric=metric, target=known, masks=masks))
+        if imu is not None:
+            self._parts.level.sits(imu)
         if isinstance(target, Tag | Board):
             self.announce(target)
         if map is not None:
@@ -275,7 +277,34 @@ class Slam:
         BusyError
             If another thread is at work in this engine.
         """
-        self.filter.add_gyro(_stamp(t), rate)
+        t = _stamp(t)
+        self.filter.add_gyro(t, rate)
+        self._parts.level.add_rate(t, rate)
+
+    @alone
+    def add_acceleration(self, t: float, acceleration: ArrayLike) -> None:
+        """Gives what an accelerometer beside the gyroscope measures, which tells which way is down: see
+        `StepResult.level`.
+
+        All samples up to a frame should be given before its `step`.  Poses do not depend on them.  At rest,
+        which the rates of `add_gyro` tell, too, a second of them is enough; on the way five.
+
+        Parameters
+        ----------
+        t : float
+            Stamp, seconds, by the sensor's clock; later than the last acceleration's.
+        acceleration : (3,) array
+            Specific force along the axes of the sensor, m/s^2: at rest it points up with 9.8.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, NaN, an impossible acceleration, a stamp that does not follow, if thousands of
+            samples wait for a frame, or without an `Imu`; nothing is kept then.
+        BusyError
+            If another thread is at work in this engine.
+        """
+        self._parts.level.add_acceleration(_stamp(t), acceleration)
 
     def add_worn(self, worn: WornView) -> None:
         """Hands in a view of Cf between frames, from any thread, also while another one is at work in `step`.

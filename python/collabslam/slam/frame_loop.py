@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from collabslam._core import UpdateReport
@@ -54,7 +55,9 @@ class FrameLoop:
                 began = frame[0]
         if began is not None and began < t:
             result.diagnostics["start_ago_s"] = t - began  # W is where Cs was then
-        return result
+        level = self._parts.level
+        level.frame(t, result.pose, result.covariance, usable=result.valid)
+        return replace(result, level=level.level())
 
     def _frame(self, t: float, image: Image, worn: Views, blank: str) -> StepResult:
         """One frame, its image judged by `BlankImageDetector` and its views of Cf due."""

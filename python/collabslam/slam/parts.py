@@ -10,6 +10,8 @@ from collabslam.frontend.mask import StaticMask
 from collabslam.settings.table import Settings
 from collabslam.slam.consistency_monitor import ConsistencyMonitor
 from collabslam.slam.gyro_monitor import GyroMonitor
+from collabslam.slam.inertial_samples import InertialSamples
+from collabslam.slam.level_estimator import LevelEstimator
 from collabslam.slam.map.management import MapManager, scarce_below
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.recovery.known_submaps import KnownSubmaps
@@ -96,6 +98,8 @@ class Parts:
         self.blank = BlankImageDetector(options.blank_image)
         self.tracks = Tracks(camera, options, scarce_below(settings))
         self.gyro = GyroMonitor(core, camera, options.flow)
+        self.forces, self.rates = InertialSamples(), InertialSamples()
+        self.level = LevelEstimator(settings.filter.imu, self.forces, self.rates, metric=self.start.metric)
         self.search = FrameSearch(core, self.tracks, self.printed, self.monitor, self.gyro, options.search)
         self.fixed = FixedContent(camera)
         self.depth = DepthInput()

@@ -23,7 +23,7 @@ from collabslam.slam.submaps.loop_search import Wanted
 from collabslam.slam.worn.late_views import KeptFrame
 from collabslam.types import Masks, Target, WornView
 
-KIND, VERSION = "engine state", 17
+KIND, VERSION = "engine state", 18
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
 _MASK = array("|b1", None, None)
 CLASSES = (KeptFrame, Loop, InactiveMap, Patch, Submap, Target, Wanted, WornView)

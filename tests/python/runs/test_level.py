@@ -5,61 +5,23 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers.clip import Clip
 from helpers.gyro import R_CI, Turned, of_clip
+from helpers.level import SETTINGS, UP, off, recorded
 
-from collabslam import Settings, SettingsError, run
+from collabslam import SettingsError, run
 from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.geometry import pose, rotation_exp, rotation_log, skew
-from collabslam.results import Landmarks
-from collabslam.runs import level
-from collabslam.runs.level import G, Level, measured_level, parse_world
+from collabslam.level import GRAVITY, Level
+from collabslam.runs.level import measured_level, parse_world
 from collabslam.runs.plan import Output
 from collabslam.runs.run_folder import RunFolder
-from collabslam.types import Array, Imu, ImuLog
-
-UP = np.array([0.1, -0.95, -0.3]) / np.linalg.norm([0.1, -0.95, -0.3])
-SETTINGS = Settings.default()
-RATE, FRAMES = 200, 20
-
-
-def recorded(
-    moving: float, *, seconds: float = 12.0, bias: Array | None = None, drift: float = 1e-6
-) -> tuple[SimpleNamespace, ImuLog]:
-    """Poses that sway and turn by ``moving`` of full swing, and what the sensor says meanwhile."""
-
-    def place(t: Array) -> Array:
-        return moving * np.stack([np.sin(1.3 * t), 0.1 * t**1.5, 0.7 * np.cos(0.9 * t)], axis=-1)
-
-    def turn(t: float) -> Array:
-        return rotation_exp(
-            moving * np.array([0.3 * np.sin(t), 0.8 * np.sin(0.7 * t), 0.2 * np.sin(2.0 * t)])
-        )
-
-    times = np.arange(0.0, seconds, 1.0 / FRAMES)
-    poses = np.array([pose(turn(t), place(np.array([t]))[0]) for t in times])
-    stamps, step = np.arange(0.0, seconds, 1.0 / RATE), 1e-3
-    moved = (place(stamps + step) - 2.0 * place(stamps) + place(np.abs(stamps - step))) / step**2
-    moved[0] = moved[1]
-    forces = np.array([R_CI.T @ turn(t).T @ (a + G * UP) for t, a in zip(stamps, moved, strict=True)])
-    forces += 0.05 * np.random.default_rng(1).standard_normal(forces.shape) + (0.0 if bias is None else bias)
-    rates = np.array([rotation_log(turn(t).T @ turn(t + step)) / step for t in stamps]) @ R_CI
-    covariances = np.tile(drift * np.eye(6), (len(times), 1, 1))
-    record = SimpleNamespace(
-        times=times, poses=poses, covariances=covariances, valid=np.ones(len(times), np.bool_)
-    )
-    sensor = Imu(R_CI, accel_bias_sd=0.05, mount_sd=1e-3)
-    return record, ImuLog(stamps, rates, forces, sensor)
-
-
-def off(found: Level | None, up: Array = UP) -> float:
-    assert found is not None
-    return float(np.arccos(np.clip(found.up @ up, -1.0, 1.0)))
+from collabslam.slam import level_estimator
+from collabslam.types import Imu
 
 
 @pytest.mark.parametrize(("moving", "how"), [(0.0, "at rest over 12.0"), (1.0, "in the mean over 12.0")])
@@ -79,7 +41,7 @@ def test_what_is_not_known_is_in_its_covariance() -> None:
     record, log = recorded(0.0)
     least = measured_level(record, log, SETTINGS, metric=True)  # type: ignore[arg-type]
     assert least is not None
-    assert np.sqrt(least.covariance[0, 0]) == pytest.approx(np.hypot(0.058 / G, 1e-3), rel=0.2)
+    assert np.sqrt(least.covariance[0, 0]) == pytest.approx(np.hypot(0.058 / GRAVITY, 1e-3), rel=0.2)
     drifted, _ = recorded(0.0, drift=np.deg2rad(2.0) ** 2)
     more = measured_level(drifted, log, SETTINGS, metric=True)  # type: ignore[arg-type]
     assert more is not None
@@ -87,7 +49,7 @@ def test_what_is_not_known_is_in_its_covariance() -> None:
     bare = replace(log, sensor=Imu(R_CI))
     default = measured_level(record, bare, SETTINGS, metric=True)  # type: ignore[arg-type]
     assert default is not None
-    assert default.covariance[0, 0] >= (SETTINGS.filter.imu.accel_bias_sd / G) ** 2
+    assert default.covariance[0, 0] >= (SETTINGS.filter.imu.accel_bias_sd / GRAVITY) ** 2
     off_by = np.array([0.05, -0.05, 0.05])
     biased, wrong = recorded(0.0, bias=off_by)
     found = measured_level(biased, wrong, SETTINGS, metric=True)  # type: ignore[arg-type]
@@ -142,26 +104,26 @@ def test_a_pose_has_the_covariance_of_its_level() -> None:
     found = Level(UP, np.diag([0.01, 0.02]) ** 2, "told")
     t_wc = pose(rotation_exp([0.3, 0.5, -0.2]), [4.0, -1.0, 7.0])
     moved, covariances = found.poses(t_wc[None], 1e-10 * np.eye(6)[None])
-    landmarks = Landmarks(np.array([1]), np.array([[3.0, 1.0, 8.0]]), 1e-10 * np.eye(3)[None])
-    points = found.landmarks(landmarks)
+    seen = np.array([[3.0, 1.0, 8.0]])
+    points, spreads = found.points(seen, 1e-10 * np.eye(3)[None])
     generator, errors, places = np.random.default_rng(4), [], []
     for _ in range(4000):
         turn = rotation_exp([*(np.sqrt(np.diag(found.covariance)) * generator.standard_normal(2)), 0.0])
         true = pose(turn, np.zeros(3)) @ moved[0]
         step = np.linalg.inv(moved[0]) @ true
         errors.append([*step[:3, 3], *rotation_log(step[:3, :3])])
-        places.append(turn @ points.points[0] - points.points[0])
+        places.append(turn @ points[0] - points[0])
     np.testing.assert_allclose(np.cov(np.array(errors).T), covariances[0], atol=4e-4)
-    np.testing.assert_allclose(np.cov(np.array(places).T), points.covariance[0], atol=4e-4)
-    np.testing.assert_allclose(points.points[0], found.r_lw @ landmarks.points[0])
+    np.testing.assert_allclose(np.cov(np.array(places).T), spreads[0], atol=4e-4)
+    np.testing.assert_allclose(points[0], found.r_lw @ seen[0])
     assert np.abs(skew(found.up) @ found.up).max() < 1e-12
 
 
 def test_a_run_writes_a_level_world(clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(level, "LEAST_WAY", 0.5)
+    monkeypatch.setattr(level_estimator, "LEAST_WAY", 0.5)
     log = of_clip(clip)
     true = [clip.recording.robot(float(t))[:3, :3].T @ [0.0, 0.0, 1.0] for t in log.times]
-    still = replace(log, accelerations=G * np.array(true) @ R_CI)
+    still = replace(log, accelerations=GRAVITY * np.array(true) @ R_CI)
     write_recording(Turned(clip, still), tmp_path / "walk")
     result = run(tmp_path / "walk", out=Output(tmp_path / "out", world="level"))
     assert result.level is not None

@@ -10,6 +10,7 @@ from collabslam._core import FASTEST_RATE, GYRO_GAP
 from collabslam.datasets.gate import tell
 from collabslam.datasets.stamps import usable_frames
 from collabslam.errors import DataError
+from collabslam.level import GRAVITY
 from collabslam.types import Array, Imu, ImuLog, Indices, Mask
 
 LEAST_RATE, MOST_RATE = 10.0, 2e4
@@ -27,7 +28,6 @@ CLIPPED = 3
 """So many samples running at the limit of an axis show that it is the sensor's."""
 MOST_LEFT_OUT = 0.2
 """Share of the samples that may be left out."""
-_G = 9.80665
 _NO_GYRO = "--gyro none leaves the gyroscope out"
 
 
@@ -173,12 +173,12 @@ def _with_accelerations(log: ImuLog, accelerations: Array, where: str) -> ImuLog
     sizes = np.linalg.norm(accelerations, axis=1)
     sizes = sizes[np.isfinite(sizes)]
     middle = float(np.median(sizes)) if sizes.size else 0.0
-    if 0.7 * _G <= middle <= 1.4 * _G:
+    if 0.7 * GRAVITY <= middle <= 1.4 * GRAVITY:
         tell("accelerometer", f"{len(sizes)} samples, {middle:.2f} m/s^2 in the median", where)
         return replace(log, accelerations=accelerations)
     why = f"{middle:.3g} m/s^2 in the median is not gravity"
     if 0.7 <= middle <= 1.4:
-        why += ": it is in g, multiply by 9.80665"
+        why += f": it is in g, multiply by {GRAVITY}"
     elif sizes.size:
         why += ": it is without gravity, or in another unit"
     tell("passed over", f"accelerometer ({why})", where)
