@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
+from collabslam.batch.engines import Engine
+from collabslam.batch.isolated import why
 from collabslam.errors import DataError
 from collabslam.formats.files import write_text
 from collabslam.runs.progress import Progress
 from collabslam.settings.table import Settings
-from collabslam_lab.engines import Engine
-from collabslam_lab.isolated import why
 from collabslam_lab.program import made_by
 
 

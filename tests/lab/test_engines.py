@@ -19,17 +19,17 @@ from helpers.clip import Clip, Short
 from helpers.plans import PLAN
 from helpers.waiting import LONGEST, until
 
+from collabslam.batch import engines
+from collabslam.batch.engines import LOCAL, Engine
+from collabslam.batch.isolated import Died, _end_idle, isolated, one
 from collabslam.datasets import write_recording
 from collabslam.errors import DataError, SettingsError
-from collabslam_lab import engines
 from collabslam_lab.benchmark import cluster, remote
 from collabslam_lab.benchmark.evaluate import Choice, _items, chosen
 from collabslam_lab.benchmark.plan import find_plan
 from collabslam_lab.benchmark.running import run_items
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.cli import main as cli
-from collabslam_lab.engines import LOCAL, Engine
-from collabslam_lab.isolated import Died, _end_idle, isolated, one
 
 DASK = Engine("dask", seconds=LONGEST)
 
@@ -162,8 +162,8 @@ def test_a_child_ends_with_its_parent(tmp_path: Path, work: str, how: signal.Sig
 
 PARENT = """
 import signal
-from collabslam_lab.engines import LOCAL
-from collabslam_lab.isolated import one
+from collabslam.batch.engines import LOCAL
+from collabslam.batch.isolated import one
 from test_engines import write_and_sleep
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, lambda *_: exit(143))

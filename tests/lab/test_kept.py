@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from helpers.waiting import LONGEST
 
+from collabslam.batch.engines import LOCAL, Engine
 from collabslam.errors import DataError
 from collabslam_lab import kept as kept_module
-from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.kept import Task, kept
 from collabslam_lab.program import made_by
 

@@ -201,8 +201,9 @@ def play(words: list[str], folder: Path) -> None:
         assert f"\n{rest[0]}:" in (ROOT / "Makefile").read_text()
     elif words[:2] == ["pip", "install"]:
         assert rest[1] in (
+            ".",
             ".[live]",
-            "./research[cluster]",
+            ".[cluster]",
             "./research[learned]",
         )  # what is not published is not promised
     elif name == "cargo":

@@ -13,6 +13,7 @@ found something); bad input; a fault of this program; ended by Ctrl-C; ended by 
 
 COMMANDS = {
     "run": "run a recording through the filter",
+    "batch": "run many recordings, here or on a cluster, into one table",
     "init": "write a settings file and a calibration for a recording",
     "demo": "render a corridor walk and run it with and without Cf",
     "info": "say what a recording holds",

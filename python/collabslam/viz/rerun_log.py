@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from colorsys import hsv_to_rgb
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
@@ -39,6 +40,8 @@ UNIX_STAMPS = 1e8
 PLANE = 0.4
 JPEG_QUALITY = 80
 FLUSH_SECONDS = 10.0
+SURE, UNSURE = 0.02, 0.5
+"""Metres of a landmark's standard deviation at which its colour is green, and red."""
 _EVERY = 5
 _CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 25)), np.sin(np.linspace(0, 2 * np.pi, 25))])
 
@@ -214,6 +217,7 @@ class RerunLog:
         image = picture_of(name)
         overlaps = f"world/overlap/cs{below}", f"world/overlap/cf{below}"
         boxes = f"world/cs/image/overlap{below}", f"{image}/overlap"
+        self._matches(step.features.pairs_of(name), f"world/cs/image/matches{below}", f"{image}/matches")
         if view is None:
             # A compressed image can't be cleared, so black stands for none.
             self._put(image, rr.Image(np.zeros((lens.height, lens.width), np.uint8)).compress())
@@ -233,6 +237,15 @@ class RerunLog:
             u0, v0, u1, v1 = roi
             self._put(box, rr.Boxes2D(mins=[[u0, v0]], sizes=[[u1 - u0, v1 - v0]], colors=[colour]))
 
+    def _matches(self, pairs: Array, in_cs: str, in_cf: str) -> None:
+        """What both cameras see: a match has one colour and one number in both pictures."""
+        hues = np.linspace(0.0, 1.0, len(pairs), endpoint=False)
+        colours = [tuple(round(255 * v) for v in hsv_to_rgb(hue, 0.8, 1.0)) for hue in hues.tolist()]
+        labels = [str(k) for k in range(len(pairs))]
+        for entity, uv in ((in_cs, pairs[:, :2]), (in_cf, pairs[:, 2:])):
+            shown = self._rr.Points2D(uv, colors=colours, radii=5.0, labels=labels, show_labels=False)
+            self._put(entity, shown)
+
     def _next_view(self, pose: Array, plan: Any) -> None:
         """An arrow of a metre from Cf to where it should look, and the place where more would be gained."""
         rr = self._rr
@@ -247,7 +260,7 @@ class RerunLog:
         self._put("world/stand", rr.Points3D([place], radii=0.05, colors=[NEXT_VIEW], labels=[label]))
 
     def _map(self, landmarks: Any) -> None:
-        self._ellipsoids("world/map", landmarks.points, landmarks.covariance, [(140, 150, 160)])
+        self._ellipsoids("world/map", landmarks.points, landmarks.covariance, by_sd(landmarks.covariance))
 
     def _submap_poses(self, poses: Any) -> None:
         """The submaps as loops correct them, a line for each loop, and the map of the whole way."""
@@ -271,6 +284,13 @@ class RerunLog:
             centers=centres, half_sizes=sizes, quaternions=turns, colors=colours, fill_mode="densewireframe"
         )
         self._put(path, shapes)
+
+
+def by_sd(covariances: Array) -> list[tuple[int, int, int]]:
+    """Colours of landmarks by the logarithm of their largest sd: green up to `SURE`, red from `UNSURE`."""
+    sd = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], SURE**2)) if len(covariances) else []
+    share = np.clip(np.log(np.asarray(sd) / SURE) / np.log(UNSURE / SURE), 0.0, 1.0)
+    return [tuple(round(255 * v) for v in hsv_to_rgb((1.0 - x) / 3.0, 0.75, 0.9)) for x in share.tolist()]  # type: ignore[misc]
 
 
 def _root(s: Array) -> Array:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.batch.engines import Engine
 from collabslam.runs.report import number
 from collabslam_lab.appearance.measure import FRAMES, QUICK_FRAMES, Numbers, Subject, measure, recordings
 from collabslam_lab.appearance.tracking import STATISTICS
-from collabslam_lab.engines import Engine
 from collabslam_lab.figures import style
 from collabslam_lab.figures.finding import Finding, Table, hand_over
 from collabslam_lab.worlds import SETS, lifelike

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from collabslam.batch.engines import Engine
+from collabslam.batch.processes import use_one_thread
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.errors import DataError
 from collabslam.runs.runner import run
@@ -17,9 +19,7 @@ from collabslam_lab.appearance.tracking import Tracking
 from collabslam_lab.benchmark.plan import Entry, find_plan
 from collabslam_lab.benchmark.replay import open_entry
 from collabslam_lab.benchmark.store import Item
-from collabslam_lab.engines import Engine
 from collabslam_lab.kept import Task, kept
-from collabslam_lab.processes import use_one_thread
 from collabslam_lab.worlds import Recipe, WorldRecording
 
 FRAMES = 60

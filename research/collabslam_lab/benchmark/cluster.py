@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from collabslam.batch.engines import LOCAL, Engine
 from collabslam.datasets import write_recording
 from collabslam.errors import DataError
 from collabslam.formats.files import write_text
@@ -17,7 +18,6 @@ from collabslam.simulation import corridor_recording
 from collabslam_lab.benchmark.plan import Plan, parse_plan
 from collabslam_lab.benchmark.running import run_items
 from collabslam_lab.benchmark.store import Item, Row
-from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.report import markdown_table
 
 _PLAN = """

@@ -17,6 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera, Filter, epipolar_residuals
+from collabslam.batch.fingerprint import files_hash
+from collabslam.batch.processes import use_one_thread
 from collabslam.datasets.emulated.pose_noise import RIG_NOISE, SENSOR_NOISE, PoseNoise
 from collabslam.datasets.emulated.worn import PoseErrors
 from collabslam.errors import CollabslamError
@@ -33,9 +35,8 @@ from collabslam.slam.worn.matcher import NEW_POINTS
 from collabslam.types import Array, Indices, Mask
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam_lab.benchmark.plan import Entry, Plan
-from collabslam_lab.benchmark.store import KEY, Row, files_hash, slug
+from collabslam_lab.benchmark.store import KEY, Row, slug
 from collabslam_lab.benchmark.surf import known_surf
-from collabslam_lab.processes import use_one_thread
 from collabslam_lab.program import code_hash
 from collabslam_lab.report import markdown_table
 

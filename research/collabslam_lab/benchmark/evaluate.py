@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from collabslam.batch.engines import LOCAL, Engine
 from collabslam.errors import DataError, SettingsError
 from collabslam.extras import drawing
 from collabslam.formats.files import write_text
@@ -19,7 +20,6 @@ from collabslam_lab.benchmark.plan import Plan, find_plan
 from collabslam_lab.benchmark.running import estimate, outcome, run_items
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.benchmark.studies import ABLATION, ACCURACY, BLACKOUT, DESCRIPTORS
-from collabslam_lab.engines import LOCAL, Engine
 
 
 @dataclass(frozen=True)

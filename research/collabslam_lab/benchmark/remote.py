@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import replace
 
+from collabslam.batch.engines import Engine
+from collabslam.batch.isolated import isolated
 from collabslam_lab.benchmark.replay import timed_item
 from collabslam_lab.benchmark.store import Item, Row
-from collabslam_lab.engines import Engine
-from collabslam_lab.isolated import isolated
 
 
 def run_remotely(

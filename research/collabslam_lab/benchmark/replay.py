@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.batch.processes import use_one_thread
 from collabslam.datasets import attach_worn
 from collabslam.datasets.emulated.views import PosedViews
 from collabslam.datasets.ordered import in_order
@@ -32,7 +33,6 @@ from collabslam.simulation.recording import demo_recording
 from collabslam.types import Recording
 from collabslam_lab.benchmark.opening import open_folder, worn_of
 from collabslam_lab.benchmark.store import KEY, Item, Row
-from collabslam_lab.processes import use_one_thread
 
 
 def open_entry(item: Item) -> Recording:

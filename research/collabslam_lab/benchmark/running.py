@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from collabslam.batch.engines import LOCAL, Engine
+from collabslam.batch.isolated import asking, isolated
 from collabslam.datasets import open_recording
 from collabslam.errors import CollabslamError, SettingsError
 from collabslam.runs.report import number
 from collabslam_lab.benchmark.remote import run_remotely
 from collabslam_lab.benchmark.replay import clear_beside, timed_item
 from collabslam_lab.benchmark.store import Item, Row
-from collabslam_lab.engines import LOCAL, Engine
-from collabslam_lab.isolated import asking, isolated
 
 _SECONDS_A_RUN, _SECONDS_A_FRAME, _RENDERED_FRAMES = 1.5, 0.04, 100  # for the estimate of the cost
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
+from collabslam.batch.fingerprint import files_hash
+from collabslam.batch.isolated import why
 from collabslam.runs.plan import MODE_KEY
 from collabslam.runs.results import SUMMARY
 from collabslam.settings.table import Settings
 from collabslam.version import version
 from collabslam_lab.benchmark.plan import Entry
-from collabslam_lab.isolated import why
 from collabslam_lab.program import code_hash
 from collabslam_lab.switches import with_switches
 
@@ -154,22 +154,6 @@ class Item:
     def row_of(self, answer: Row | Exception) -> Row:
         """The row of what `isolated` answered."""
         return self.failed(why(answer)) if isinstance(answer, Exception) else answer
-
-
-@cache
-def files_hash(folder: Path) -> str:
-    """Of the names, sizes and times of a recording's files."""
-    digest = hashlib.sha256()
-    for line in _listing(folder):
-        digest.update(line.encode())
-    return digest.hexdigest()
-
-
-def _listing(folder: Path) -> Iterator[str]:
-    for path in sorted(folder.rglob("*") if folder.is_dir() else [folder]):
-        if path.is_file():
-            facts = path.stat()
-            yield f"{path.relative_to(folder).as_posix()} {facts.st_size} {facts.st_mtime_ns}\n"
 
 
 def slug(name: str) -> str:

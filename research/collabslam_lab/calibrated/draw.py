@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam import Settings, attach_worn
+from collabslam.batch.processes import use_one_thread
 from collabslam.checks.worn_bias.recorded import TimeCorrelatedError, time_correlated_error
 from collabslam.datasets.worn_calibration import CalibratedWorn
 from collabslam.runs.runner import run
@@ -15,7 +16,6 @@ from collabslam.types import Array, Recording
 from collabslam_lab.benchmark.opening import open_folder, worn_of
 from collabslam_lab.benchmark.plan import find_plan
 from collabslam_lab.calibrated.trajectories import SECONDS, Erring, Stated, Untrue, drawn_error, rendered
-from collabslam_lab.processes import use_one_thread
 
 RECORDED = ("hololens_000", "scenes7_redkitchen", "euroc_v101")
 """Recordings of the plan of `collabslam-lab evaluate` that are taken where --data has them."""

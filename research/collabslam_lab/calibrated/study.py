@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.batch.engines import LOCAL, Engine
 from collabslam.errors import SettingsError
 from collabslam.evaluation.consistency import nees_band
 from collabslam.runs.progress import Progress
 from collabslam.runs.report import number
 from collabslam_lab.calibrated.draw import EVEN, RECORDED, Drawn, go
 from collabslam_lab.calibrated.trajectories import DEGREES, METRES, SECONDS, WALKS
-from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.figures import style
 from collabslam_lab.figures.finding import Finding, Table, hand_over
 

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from collabslam.cli import NOT_TRUSTED, OK, options
+from collabslam.cli.engine_options import add_engine, engine_of
 from collabslam.settings.modes import MODES
 from collabslam_lab.benchmark.studies import STUDIES
-from collabslam_lab.cli.engine_options import add_engine, engine_of
 
 _PLAN = """\
 A plan is a YAML file:

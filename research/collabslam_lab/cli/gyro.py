@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from collabslam.cli import OK, options
-from collabslam_lab.cli.engine_options import add_engine, engine_of
+from collabslam.cli.engine_options import add_engine, engine_of
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

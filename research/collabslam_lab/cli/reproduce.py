@@ -7,8 +7,8 @@ import os
 from pathlib import Path
 
 from collabslam.cli import OK, options
+from collabslam.cli.engine_options import add_engine, engine_of
 from collabslam.extras import needs
-from collabslam_lab.cli.engine_options import add_engine, engine_of
 
 WORLDS = "worlds"
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.batch.engines import LOCAL, Engine
 from collabslam.formats.files import write_text
 from collabslam.runs.results import jsonable
 from collabslam.simulation.gyro import RATE as SAMPLES_RATE
-from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.gyro.pieces import Piece, Score, parsed, ran
 from collabslam_lab.kept import Task, kept
 from collabslam_lab.report import markdown_table

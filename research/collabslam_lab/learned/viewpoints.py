@@ -17,6 +17,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from collabslam.batch.processes import use_one_thread
 from collabslam.datasets.emulated.worn import PoseErrors
 from collabslam.formats.files import write_text
 from collabslam.frontend import describe, place_recognition, worn_match
@@ -34,7 +35,6 @@ from collabslam_lab.benchmark.plan import Entry, find_plan
 from collabslam_lab.benchmark.store import Row
 from collabslam_lab.learned.network import Network
 from collabslam_lab.learned.weights import REQUIREMENT, fetch, read
-from collabslam_lab.processes import use_one_thread
 from collabslam_lab.report import markdown_table
 
 OURS, LEARNED, OWN = "warped-sift", "xfeat", "xfeat, own key points"

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.batch.engines import Engine
 from collabslam.types import Array
-from collabslam_lab.engines import Engine
 from collabslam_lab.kept import Task, kept
 from collabslam_lab.long_trajectories.walk import Walked, walk
 from collabslam_lab.worlds.catalogue import Recipe

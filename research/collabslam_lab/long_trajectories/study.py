@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.batch.engines import LOCAL, Engine
 from collabslam.formats.files import write_bytes, write_text
 from collabslam.runs.results import jsonable
-from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.long_trajectories.drawing import plan_view
 from collabslam_lab.long_trajectories.keeping import Trajectory, go
 from collabslam_lab.long_trajectories.walk import Walked

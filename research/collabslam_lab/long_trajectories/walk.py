@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from collabslam.batch.processes import use_one_thread
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.results import Loop
 from collabslam.slam.engine import Slam
 from collabslam.types import Array
-from collabslam_lab.processes import use_one_thread
 from collabslam_lab.worlds.catalogue import Recipe
 from collabslam_lab.worlds.recording import WorldRecording
 

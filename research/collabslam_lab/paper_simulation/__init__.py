@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collabslam_lab.engines import Engine
+    from collabslam.batch.engines import Engine
 
 EXPERIMENTS = {
     "observability": "what can be told from bearings, and what depth adds (section 3.3)",
@@ -67,9 +67,9 @@ def reproduce(
     DataError
         If the folder cannot be written, or matplotlib is missing.
     """
+    from collabslam.batch.engines import LOCAL
     from collabslam.errors import SettingsError
     from collabslam.extras import needs
-    from collabslam_lab.engines import LOCAL
     from collabslam_lab.paper_simulation.monte_carlo import Study
     from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.batch.engines import LOCAL, Engine
 from collabslam.errors import SettingsError
 from collabslam.runs.progress import Progress
-from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 

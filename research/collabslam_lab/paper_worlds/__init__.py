@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collabslam_lab.engines import Engine
+    from collabslam.batch.engines import Engine
 
 EXPERIMENTS = {
     "table1": "ten corridors of 15 m: average errors without and with the worn camera (section 5.2)",
@@ -72,9 +72,9 @@ def run_experiments(
     DataError
         If the folder cannot be written, or matplotlib is missing.
     """
+    from collabslam.batch.engines import LOCAL
     from collabslam.errors import SettingsError
     from collabslam.extras import needs
-    from collabslam_lab.engines import LOCAL
     from collabslam_lab.paper_worlds.cases import gather
 
     for name in names:

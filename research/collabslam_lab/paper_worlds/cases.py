@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.batch.engines import LOCAL, Engine
+from collabslam.batch.processes import use_one_thread
 from collabslam.errors import CollabslamError
 from collabslam.runs.runner import RunResult, run
 from collabslam.settings.table import Settings
 from collabslam.simulation.held import HeldRecording
 from collabslam.types import Recording
-from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.kept import Task, kept
 from collabslam_lab.paper_worlds.poses import sensed
 from collabslam_lab.paper_worlds.variants import Variant, varied
-from collabslam_lab.processes import use_one_thread
 from collabslam_lab.worlds import LIFE, WorldRecording, world_recording
 
 Row = dict[str, Any]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.batch.isolated import Died, one
 from collabslam.datasets import open_recording
 from collabslam.datasets.images import read_grey
 from collabslam.errors import CollabslamError, DataError, SettingsError
@@ -22,7 +23,6 @@ from collabslam.types import Image, Recording
 from collabslam.version import version
 from collabslam_lab.benchmark.plan import Entry, find_plan
 from collabslam_lab.benchmark.store import Item
-from collabslam_lab.isolated import Died, one
 from collabslam_lab.peers import environments
 from collabslam_lab.peers.ours import ALONE, TOGETHER, opened, run_ours
 from collabslam_lab.peers.prepared import SystemResult, run_script, write_job

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from collabslam.batch.processes import use_one_thread
 from collabslam.datasets import attach_worn
 from collabslam.results import Landmarks, StepResult
 from collabslam.runs.plan import Plan
@@ -18,7 +19,6 @@ from collabslam_lab.benchmark.replay import open_entry
 from collabslam_lab.benchmark.store import Item
 from collabslam_lab.peers.prepared import SystemResult
 from collabslam_lab.peers.undistorted import Undistorted
-from collabslam_lab.processes import use_one_thread
 
 ALONE, TOGETHER = "collabslam, one camera", "collabslam, with Cf"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collabslam_lab.engines import Engine
+    from collabslam.batch.engines import Engine
 
 EXPERIMENTS = {
     "cue": "where to look: gains foretold and real, and the error that is left by following the advice",
@@ -58,9 +58,9 @@ def run_experiments(
     DataError
         If the folder cannot be written, or matplotlib is missing.
     """
+    from collabslam.batch.engines import LOCAL
     from collabslam.errors import SettingsError
     from collabslam.extras import needs
-    from collabslam_lab.engines import LOCAL
 
     if jobs < 1 or seed < 0:
         raise SettingsError(f"jobs {jobs}, seed {seed}: give 1 job or more, seed 0 or more.")

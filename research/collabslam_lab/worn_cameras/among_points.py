@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.batch.processes import use_one_thread
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.geometry import rotation_exp, se3_exp
 from collabslam.types import Array, Mask
@@ -21,7 +22,6 @@ from collabslam_lab.paper_simulation.cloud import SIZE, WORN_SIGMA, pixels, walk
 from collabslam_lab.paper_simulation.core_run import CoreRun, SimulatedFrame, SimulatedView, common_settings
 from collabslam_lab.paper_simulation.estimators import Estimator
 from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
-from collabslam_lab.processes import use_one_thread
 
 SETTINGS = {"duration": 6.0, "path": 3.0, "bearing_sigma": 0.1, "min_parallax": 1.0}
 EVERY = 3

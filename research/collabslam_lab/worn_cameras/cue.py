@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from collabslam.batch.engines import Engine
 from collabslam.runs.progress import Progress
 from collabslam.runs.report import number
 from collabslam.types import Array
-from collabslam_lab.engines import Engine
 from collabslam_lab.figures import style
 from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.worn_cameras.planned_views import EVERY, POLICIES, RATE, PlannedViews, plan_along

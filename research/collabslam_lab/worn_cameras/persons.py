@@ -7,10 +7,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from collabslam.batch.engines import Engine
 from collabslam.evaluation.consistency import nees_band
 from collabslam.runs.progress import Progress
 from collabslam.runs.report import number
-from collabslam_lab.engines import Engine
 from collabslam_lab.figures import style
 from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.worn_cameras.among_points import COMMON, Told, Variant, run_points

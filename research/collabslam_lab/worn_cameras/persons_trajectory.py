@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from collabslam.batch.processes import use_one_thread
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.geometry import pose_inverse, rotation_exp
 from collabslam.simulation.recording import NOTHING_LASTS, SimulatedRecording, pose_with_error
@@ -20,7 +21,6 @@ from collabslam.simulation.trajectory import CorridorWalk
 from collabslam.simulation.world import corridor
 from collabslam.slam.engine import Slam
 from collabslam.types import Array, Image, WornView
-from collabslam_lab.processes import use_one_thread
 from collabslam_lab.worn_cameras.planned_views import RATE, SPEED, t_cf_error
 
 NAMES = ("left", "right", "behind")

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from collabslam._core import CandidateViews
+from collabslam.batch.processes import use_one_thread
 from collabslam.geometry import pose_inverse, rotation_exp
 from collabslam.simulation.recording import NOTHING_LASTS, SimulatedRecording, pose_with_error
 from collabslam.simulation.renderer import Renderer
@@ -22,7 +23,6 @@ from collabslam.simulation.trajectory import CorridorWalk
 from collabslam.simulation.world import corridor
 from collabslam.slam.engine import Slam
 from collabslam.types import Array, Image, WornView
-from collabslam_lab.processes import use_one_thread
 
 RATE, SPEED = 10.0, 1.5
 FIRST, EVERY = 5, 10

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from collabslam.batch.engines import LOCAL
 from collabslam.errors import DataError
 from collabslam_lab.appearance import measure
 from collabslam_lab.appearance.compare import compare_worlds, finding, within
 from collabslam_lab.appearance.measure import Subject
 from collabslam_lab.appearance.tracking import STATISTICS, Tracking
 from collabslam_lab.cli import main as lab
-from collabslam_lab.engines import LOCAL
 
 
 class Camera:

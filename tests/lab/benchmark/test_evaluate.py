@@ -146,7 +146,7 @@ def test_evaluate_runs_resumes_and_reports(
 
 
 def test_a_changed_recording_or_option_is_another_run(place: Path, tmp_path: Path) -> None:
-    from collabslam_lab.benchmark.store import files_hash
+    from collabslam.batch.fingerprint import files_hash
 
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "1.txt").write_text("one")

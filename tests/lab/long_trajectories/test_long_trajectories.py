@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from collabslam.batch.engines import LOCAL
 from collabslam.types import Array
-from collabslam_lab.engines import LOCAL
 from collabslam_lab.long_trajectories.drawing import plan_view
 from collabslam_lab.long_trajectories.keeping import Trajectory, go
 from collabslam_lab.long_trajectories.study import summary, trajectories

@@ -19,7 +19,7 @@ from collabslam import DataError, Slam
 from collabslam.results import FEATURE_STATES
 from collabslam.runs import runner
 from collabslam.viz.animation import animate
-from collabslam.viz.rerun_log import COLOURS, RerunLog
+from collabslam.viz.rerun_log import COLOURS, SURE, UNSURE, RerunLog, by_sd
 
 RERUN = str(Path(sys.executable).parent / "rerun")
 
@@ -48,8 +48,18 @@ def test_rerun_reads_the_recording(clip: Clip, tmp_path: Path) -> None:
     ).stdout
     for entity in ("/world/cs/image/features", "/world/cs/image/ellipses", "/cf/image", "/world/map",
                    "/world/path", "/world/path_covariance", "/world/truth", "/world/overlap/cs",
+                   "/world/cs/image/matches", "/cf/image/matches",
                    "/curves/status/status", "/curves/time/ms_total"):  # fmt: skip
         assert f"{entity}:" in listing
+
+
+def test_a_landmark_is_as_red_as_it_is_unsure() -> None:
+    colours = by_sd(np.array([np.diag([1e-6, 1e-6, sd**2]) for sd in (0.5 * SURE, SURE, 0.1, UNSURE, 9.0)]))
+    assert colours[0] == colours[1]
+    assert colours[3] == colours[4]
+    assert colours[1][1] > colours[1][0]
+    assert colours[3][0] > colours[3][1]
+    assert by_sd(np.empty((0, 3, 3))) == []
 
 
 def test_loops_are_shown_with_the_way_that_they_correct(clip: Clip, tmp_path: Path) -> None:

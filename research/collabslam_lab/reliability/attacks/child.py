@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from collabslam.batch.processes import use_one_thread
 from collabslam.cli import BAD_INPUT, NOT_TRUSTED, OK
 from collabslam.datasets import open_recording
 from collabslam.errors import CollabslamError
@@ -17,7 +18,6 @@ from collabslam.runs.runner import run
 from collabslam.runs.summary import is_trusted
 from collabslam.slam.engine import Slam
 from collabslam.types import Recording
-from collabslam_lab.processes import use_one_thread
 from collabslam_lab.reliability.attacks.perform import CHANGED
 
 BEFORE = 6

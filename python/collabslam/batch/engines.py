@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
+from collabslam.batch.isolated import Stop, asking, one
 from collabslam.errors import DataError, SettingsError
-from collabslam_lab.isolated import Stop, asking, one
 
 ENGINES = ("local", "dask")
 T = TypeVar("T")
@@ -153,7 +153,7 @@ class Engine:
             from distributed import Client, KilledWorker, LocalCluster
         except ImportError as error:
             raise DataError(
-                f"This needs distributed ({error}): .venv/bin/pip install './research[cluster]'."
+                f"This needs distributed ({error}); install it with: pip install 'collabslam[cluster]'."
             ) from error
         with contextlib.ExitStack() as stack:
             stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": TRIES}))

@@ -24,8 +24,8 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from collabslam.batch.processes import ONE_THREAD, end_with_parent, use_one_thread
 from collabslam.errors import CollabslamError
-from collabslam_lab.processes import ONE_THREAD, end_with_parent, use_one_thread
 
 _LENGTH = struct.Struct("<Q")
 

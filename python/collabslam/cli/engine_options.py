@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collabslam_lab.engines import Engine
+    from collabslam.batch.engines import Engine
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +33,7 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
 
 def engine_of(arguments: argparse.Namespace) -> Engine:
     """The engine that was asked for; raises SettingsError if there is none such."""
-    from collabslam_lab.engines import SECONDS, Engine
+    from collabslam.batch.engines import SECONDS, Engine
 
     limit = SECONDS if arguments.limit is None else arguments.limit
     return Engine(arguments.engine, arguments.scheduler, limit)
