@@ -47,12 +47,12 @@ def odometry_sample(t: Any, twist: Any, covariance: Any) -> OdometrySample:
     return OdometrySample(_seconds(t), first, second)
 
 
-def gyro_sample(t: Any, rate: Any) -> GyroSample:
-    """A rate of the gyroscope; raises InputError if it is none."""
+def gyro_sample(t: Any, rate: Any, acceleration: Any = None) -> GyroSample:
+    """A rate of the gyroscope, and maybe an acceleration; raises InputError if it is none."""
     found = _array(rate, (3,), "rate")
     if found is None:
         raise InputError("A gyroscope's sample is a rate (3,), rad/s; give one.")
-    return GyroSample(_seconds(t), found)
+    return GyroSample(_seconds(t), found, _array(acceleration, (3,), "acceleration"))
 
 
 def clock_reading(session: Any, exchange: Any) -> ClockReading:
@@ -72,7 +72,7 @@ def checked(event: Any) -> Event:
     if isinstance(event, OdometrySample):
         return odometry_sample(event.t, event.twist, event.covariance)
     if isinstance(event, GyroSample):
-        return gyro_sample(event.t, event.rate)
+        return gyro_sample(event.t, event.rate, event.acceleration)
     if isinstance(event, LiveView):
         told = (event.session, event.stamp, event.image, event.t_cf, event.covariance, event.bias)
         own = None if event.own is None else _own_pose(event.own)

@@ -17,6 +17,7 @@ from collabslam.datasets.ros.sensors import WornSensors, bag_sensors
 from collabslam.datasets.source import Source
 from collabslam.datasets.wrapped import OnlyPersons
 from collabslam.errors import DataError, SettingsError
+from collabslam.live.core import GyroSample
 from collabslam.live.frame_source import CapturedImage, LiveCamera
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.playback import SensorPlayback
@@ -66,7 +67,7 @@ class DeviceCamera:
     def drive(self, take: Callable[[float, Array, Array], None]) -> None:
         """No odometry comes with its images."""
 
-    def turn(self, take: Callable[[float, Array], None]) -> None:
+    def turn(self, take: Callable[[GyroSample], None]) -> None:
         """No gyroscope's rates come with its images."""
 
     def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
@@ -114,7 +115,7 @@ class RecordingPlayback:
         self._log: ImuLog | None = getattr(recording, "imu", None)
         self.imu: Imu | None = None if self._log is None else self._log.sensor
         self._drive: Callable[[float, Array, Array], None] | None = None
-        self._turn: Callable[[float, Array], None] | None = None
+        self._turn: Callable[[GyroSample], None] | None = None
         self._sensors: SensorPlayback | None = None
         self.name, self.camera = recording.name, recording.camera
         self.begin()
@@ -152,7 +153,7 @@ class RecordingPlayback:
         """The recording's own odometry."""
         self._drive = take
 
-    def turn(self, take: Callable[[float, Array], None]) -> None:
+    def turn(self, take: Callable[[GyroSample], None]) -> None:
         """The recording's own gyroscope."""
         self._turn = take
 
@@ -194,7 +195,9 @@ class RecordingPlayback:
             return first
         last = int(np.searchsorted(log.times + log.sensor.time_offset, t, side="right"))
         for k in range(first, last):
-            self._turn(float(log.times[k]), log.rates[k])
+            force = None if log.accelerations is None else log.accelerations[k]
+            force = None if force is None or not np.isfinite(force).all() else force
+            self._turn(GyroSample(float(log.times[k]), log.rates[k], force))
         return last
 
 

@@ -53,10 +53,12 @@ class OdometrySample:
 
 @dataclass(frozen=True, eq=False)
 class GyroSample:
-    """A rate of Cs's gyroscope at ``t`` seconds by its own clock, as `collabslam.Slam.add_gyro` takes it."""
+    """A rate of Cs's gyroscope at ``t`` seconds by its own clock, as `collabslam.Slam.add_gyro` takes it, and
+    maybe what the accelerometer beside it said, as `collabslam.Slam.add_acceleration` does."""
 
     t: float
     rate: Array
+    acceleration: Array | None = None
 
 
 COLLAB, MONO = "collab", "mono"
@@ -120,7 +122,7 @@ class LiveCore:
         self.refused_odometry = Refusals()
         """Samples of odometry that could not be used."""
         self.refused_gyro = Refusals()
-        """Rates of the gyroscope that could not be used."""
+        """Rates of the gyroscope, or accelerations, that could not be used."""
         self._printed = PrintedPoses(slam.camera, slam.worn_cameras, targets, slam.worn_late)
         self._last = slam.filter.time
 
@@ -149,6 +151,8 @@ class LiveCore:
         elif isinstance(event, GyroSample):
             try:
                 self.slam.add_gyro(event.t, event.rate)
+                if event.acceleration is not None:
+                    self.slam.add_acceleration(event.t, event.acceleration)
             except InputError as error:
                 self.refused_gyro.add(error)
         elif self.slam.worn_cameras:

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from collabslam._core import Camera
 from collabslam.datasets.ros.sensors import WornSensors
+from collabslam.live.core import GyroSample
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.sensed import SensorTaker
 from collabslam.types import Array, Image, Imu
@@ -53,8 +54,8 @@ class LiveCamera(Protocol):
         """From now on ``take`` is given stamp, twist and covariance of odometry, while images are."""
         ...
 
-    def turn(self, take: Callable[[float, Array], None]) -> None:
-        """From now on ``take`` is given stamp and rate of the gyroscope, while images are."""
+    def turn(self, take: Callable[[GyroSample], None]) -> None:
+        """From now on ``take`` is given the samples of the gyroscope, while images are."""
         ...
 
     def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:

@@ -8,7 +8,8 @@ from collabslam.datasets.imu.beside import GyroGiven
 from collabslam.datasets.imu.description import ImuFile
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.live import messages
-from collabslam.types import Array, Imu
+from collabslam.live.core import GyroSample
+from collabslam.types import Imu
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ class GyroTopic:
         return None if t_ci is None else self.told.sensor(t_ci[:3, :3])
 
 
-def sample_of(data: bytes) -> tuple[str, float, Array]:
-    """Frame, stamp (seconds) and rate (3,) of a message in CDR; raises DataError if it has no rate."""
+def sample_of(data: bytes) -> tuple[str, GyroSample]:
+    """Frame and sample of a message in CDR; raises DataError if it has no rate."""
     message = messages.decoded(messages.IMU, data)
-    return str(message.header.frame_id), messages.stamp_of(message), messages.rate_of(message)
+    rate, acceleration = messages.rate_of(message), messages.acceleration_of(message)
+    return str(message.header.frame_id), GyroSample(messages.stamp_of(message), rate, acceleration)

@@ -137,13 +137,13 @@ def odometry(
     return encoded(ODOMETRY, odometry_message(store().types, _stamp(t), t_wc, covariance, twist, frames))
 
 
-def rate(t: float, value: Array) -> bytes:
-    """A gyroscope's rate (3,), rad/s, as an Imu without attitude and acceleration."""
+def rate(t: float, value: Array, acceleration: Array | None = None) -> bytes:
+    """A gyroscope's rate (3,), rad/s, and maybe an acceleration (3,), m/s^2, as an Imu without attitude."""
     unknown, zero = np.array([-1.0, *np.zeros(8)]), np.zeros(9)
-    turning = make("geometry_msgs/msg/Vector3", *(float(x) for x in value))
-    none = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+    force, spread = (zero[:3], unknown) if acceleration is None else (acceleration, zero)
+    turned, pulled = (make("geometry_msgs/msg/Vector3", *map(float, v)) for v in (value, force))
     upright = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
-    return encoded(IMU, make(IMU, header(t, GYRO), upright, unknown, turning, zero, none, unknown))
+    return encoded(IMU, make(IMU, header(t, GYRO), upright, unknown, turned, zero, pulled, spread))
 
 
 def rate_of(message: Any) -> Array:
@@ -152,6 +152,14 @@ def rate_of(message: Any) -> Array:
         raise DataError("An Imu message has no angular velocity (its covariance begins with -1).")
     w = message.angular_velocity
     return np.array([w.x, w.y, w.z])
+
+
+def acceleration_of(message: Any) -> Array | None:
+    """The acceleration (3,) of an Imu message, m/s^2; None if it says that it has none, or is not finite."""
+    a = message.linear_acceleration
+    found = np.array([a.x, a.y, a.z])
+    is_there = message.linear_acceleration_covariance[0] != -1.0 and bool(np.isfinite(found).all())
+    return found if is_there else None
 
 
 def twist(t: float, value: Array, covariance: Array, frame: str = "base_link") -> bytes:

@@ -102,7 +102,7 @@ class EventWriter:
             twist = messages.twist(event.t, event.twist, event.covariance)
             self._write(ODOMETRY, messages.TWIST, twist, now)
         elif isinstance(event, GyroSample):
-            self._write(GYRO, messages.IMU, messages.rate(event.t, event.rate), now)
+            self._write(GYRO, messages.IMU, messages.rate(event.t, event.rate, event.acceleration), now)
         else:
             image, name = event.image, sender_of(event.session)
             name = name if name in self._persons else ""
@@ -222,7 +222,8 @@ def _event(
     if topic == ODOMETRY:
         return OdometrySample(messages.stamp_of(message), *twist_of(message))
     if topic == GYRO:
-        return GyroSample(messages.stamp_of(message), messages.rate_of(message))
+        rate, acceleration = messages.rate_of(message), messages.acceleration_of(message)
+        return GyroSample(messages.stamp_of(message), rate, acceleration)
     stamp = messages.stamp_of(message)
     session, data = str(message.header.frame_id), message.data.tobytes()
     return replace(LiveView(session, stamp, data, *poses.get(stamp, ())), own=owns.get(stamp))

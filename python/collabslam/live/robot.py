@@ -159,7 +159,7 @@ class RobotNode:
             )
             self._live = live
             self._camera.drive(live.push_odometry)
-            self._camera.turn(live.push_gyro)
+            self._camera.turn(live.push)
             clock = self._zenoh.declare_queryable(names.CLOCK, self._tell_time)
             stack.callback(clock.undeclare)
             error, interrupted = self._drive(live)

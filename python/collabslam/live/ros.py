@@ -206,10 +206,10 @@ class RosNode:
         return None if gyro is None else gyro.sensor(self._tree, self._info_frame, self._gyro_frame)
 
     def _rate(self, data: bytes) -> None:
-        frame, t, rate = sample_of(data)
+        frame, sample = sample_of(data)
         if self._live is not None:
-            self._live.push_gyro(t, rate)
-            found = None if self._propagator is None else self._propagator.add(t, rate)
+            self._live.push(sample)
+            found = None if self._propagator is None else self._propagator.add(sample.t, sample.rate)
             if found is not None:
                 self._out.propagated(found)
         elif frame != self._gyro_frame:

@@ -14,6 +14,7 @@ from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
+from collabslam.live.core import GyroSample
 from collabslam.live.frame_source import CapturedImage
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
@@ -114,7 +115,7 @@ class RosCamera:
 
         self._kept.append(subscribe(self._node, self._wheels.name, self._wheels.kind, sample, self._refuse))
 
-    def turn(self, take: Callable[[float, Array], None]) -> None:
+    def turn(self, take: Callable[[GyroSample], None]) -> None:
         """No gyroscope is heard; `collabslam.live.ros` hears one."""
 
     def begin(self) -> None:

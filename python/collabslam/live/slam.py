@@ -167,8 +167,9 @@ class LiveSlam:
         """
         self._push(odometry_sample(t, twist, covariance))
 
-    def push_gyro(self, t: float, rate: ArrayLike) -> None:
-        """A rate of Cs's gyroscope, by its clock, as `collabslam.Slam.add_gyro` takes it.
+    def push_gyro(self, t: float, rate: ArrayLike, acceleration: ArrayLike | None = None) -> None:
+        """A rate of Cs's gyroscope, by its clock, as `collabslam.Slam.add_gyro` takes it, and what an
+        accelerometer beside it says, as `collabslam.Slam.add_acceleration` does.
 
         The engine is made with the sensor's `Imu`; what it refuses is counted in `refused`.
 
@@ -179,7 +180,7 @@ class LiveSlam:
         CollabslamError
             Whatever ended the filter.
         """
-        self._push(gyro_sample(t, rate))
+        self._push(gyro_sample(t, rate, acceleration))
 
     def push_clock(self, session: str, exchange: Exchange) -> None:
         """What a sender's clock said; raises as `push_robot` does."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from argparse import ArgumentParser
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,21 +60,28 @@ def test_rates_are_pushed_recorded_and_replayed(clip: Clip, tmp_path: Path) -> N
             sent = 40  # stamps of a message are not negative
             for frame in clip.frames[:6]:
                 while log.times[sent] <= frame.t + 0.01:
-                    live.push_gyro(round(float(log.times[sent]), 9), log.rates[sent])
+                    live.push_gyro(round(float(log.times[sent]), 9), log.rates[sent], [0.0, sent, 9.8])
                     sent += 1
                 live.push_robot(frame.t, frame.image)
             live.push_gyro(0.01, log.rates[0])  # late
             live.push_gyro(99.0, [0.0, 0.0, 90.0])  # in degrees
+            live.push_gyro(99.0, [0.0, 0.0, 0.1], [0.0, 0.0, 9806.0])  # in thousandths of g
             with pytest.raises(InputError, match="rate has the shape"):
                 live.push_gyro(9.0, [1.0])
+            with pytest.raises(InputError, match="acceleration has the shape"):
+                live.push_gyro(99.1, [0.0, 0.0, 0.1], [1.0])
             with pytest.raises(InputError, match="give one"):
                 live.push_gyro(9.0, None)  # type: ignore[arg-type]
-    assert len(live.refused) == 2
-    assert slam.filter.gyro_time == pytest.approx(clip.frames[5].t + 0.01, abs=0.006)
+    assert len(live.refused) == 3
+    assert slam.filter.gyro_time == 99.0
     assert replay(tmp_path / "record", tmp_path / "again")["frames"] == len(poses) >= 4
     events = list(EventReader(tmp_path / "record").events())
     rates = [e for e in events if isinstance(e, GyroSample)]
-    np.testing.assert_array_equal([e.rate for e in rates[:-2]], log.rates[40:sent])
+    np.testing.assert_array_equal([e.rate for e in rates[:-3]], log.rates[40:sent])
+    np.testing.assert_array_equal(
+        [e.acceleration for e in rates[:-3]], [[0, k, 9.8] for k in range(40, sent)]
+    )
+    assert rates[-2].acceleration is None
     again = np.loadtxt(tmp_path / "again" / "frames.csv", delimiter=",", skiprows=1, usecols=1)
     np.testing.assert_allclose(again, [p.step.t for p in poses])
 
@@ -88,7 +96,10 @@ def test_a_plan_with_an_impossible_sensor_is_refused(imu: dict[str, Any]) -> Non
 
 
 def test_a_robot_plays_a_recordings_gyroscope(clip: Clip, tmp_path: Path) -> None:
-    recording = Turned(clip, of_clip(clip))
+    log = of_clip(clip)
+    forces = np.tile([0.1, 0.2, 9.8], (len(log), 1))
+    forces[::2] = np.nan
+    recording = Turned(clip, replace(log, accelerations=forces))
     recording.worn_camera = None
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
@@ -105,6 +116,10 @@ def test_a_robot_plays_a_recordings_gyroscope(clip: Clip, tmp_path: Path) -> Non
     assert plan.sensor is not None
     np.testing.assert_array_equal(plan.sensor.r_ci, R_CI)
     rates = [e for e in EventReader(tmp_path / "record").events() if isinstance(e, GyroSample)]
+    assert {None if e.acceleration is None else tuple(e.acceleration) for e in rates} == {
+        None,
+        (0.1, 0.2, 9.8),
+    }
     assert len(rates) >= np.sum((recording.imu.times >= 0) & (recording.imu.times <= recording.times[-1]))
 
 
@@ -148,9 +163,11 @@ def test_a_node_hears_a_topic(clip: Clip, told: str | None) -> None:
 
 
 def test_a_topic_is_described_by_name_or_file() -> None:
-    frame, t, found = sample_of(rate(1.5))
-    assert (frame, t) == ("imu_link", 1.5)
-    np.testing.assert_array_equal(found, [0.1, 0.2, 0.3])
+    frame, sample = sample_of(rate(1.5))
+    assert (frame, sample.t, sample.acceleration) == ("imu_link", 1.5, None)
+    np.testing.assert_array_equal(sample.rate, [0.1, 0.2, 0.3])
+    _, both = sample_of(messages.rate(1.5, np.zeros(3), np.array([0.0, 9.8, 0.0])))
+    np.testing.assert_array_equal(both.acceleration, [0.0, 9.8, 0.0])
     parser, words = ArgumentParser(), ["--cs", "/cs", "--cs-info", "/info"]
     configure(parser)
     asked = parser.parse_args([*words, "--gyro", "/imu", "--imu", "ros"])
