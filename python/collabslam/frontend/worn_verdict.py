@@ -99,6 +99,28 @@ def contradicted(against: Sequence[float] | Array) -> bool:
     return len(told) >= LEAST_VIEWS and bool(np.mean(told > _TOGETHER) > 0.5)
 
 
+def moved_too_far(squares: Array, lasting: Array) -> bool:
+    """Whether the map moves T_CF farther, over all views together or the last ones, than errors within its
+    covariance do.
+
+    Of views with an error in common each says less than one of its own would: the sum is held against a
+    chi-squared variable of its mean and variance.
+
+    Parameters
+    ----------
+    squares : (N,) array
+        Square of the error of T_CF that the filter finds in each view, in units of its covariance.
+    lasting : (N,) array
+        Share of that covariance that the views have in common.
+    """
+    for count in {len(squares), min(len(squares), _LAST)}:
+        if count >= LEAST_VIEWS:
+            each = 1.0 + (count - 1) * float(np.mean(lasting[-count:])) ** 2
+            if np.sum(squares[-count:]) / each > chi2_quantile(SURE_LEVEL, 6.0 * count / each):
+                return True
+    return False
+
+
 def contradicted_lately(against: Sequence[float] | Array) -> bool:
     """Whether most of the last views that say something contradict T_CF, each by itself.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from collabslam._core import SURE_LEVEL, FilterSettings, MeasurementOutcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
-from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
+from collabslam.frontend.worn_verdict import contradicted, contradicted_lately, moved_too_far
 from collabslam.slam.gyro_monitor import GyroMonitor
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
@@ -34,7 +34,12 @@ _LAST_BIRTHS = 100
 """Frames that the test of new points looks back on: there are few of them in a frame."""
 _LEAST = 5
 """Frames, or views, that say something together."""
-_NO_VIEWS: dict[str, Any] = {"against": np.empty(0), "matches": np.empty((0, 2)), "without": 0}
+_NO_VIEWS: dict[str, Any] = {
+    "against": np.empty(0),
+    "moved": np.empty((0, 2)),
+    "matches": np.empty((0, 2)),
+    "without": 0,
+}
 _STRAYS = 0.01
 """Share of new points that may stray in a scene that stands still, by a wrong match."""
 
@@ -58,7 +63,12 @@ class ConsistencyMonitor(PersistentState):
         "_jumps": array("<f8", None),
         "_worn": table(
             int,
-            fields(against=array("<f8", None), matches=array("<f8", None, 2), without=whole(0)),
+            fields(
+                against=array("<f8", None),
+                moved=array("<f8", None, 2),
+                matches=array("<f8", None, 2),
+                without=whole(0),
+            ),
         ),
     }
 
@@ -66,12 +76,13 @@ class ConsistencyMonitor(PersistentState):
         self._size, self._gyro = size, gyro
         # A good batch fails the test of the batch with this probability, and loses a match or two then.
         self._expected = 1.0 - settings.validate.level
+        self._bias_share = settings.worn.bias_share
         self._matches = np.empty((0, 2))
         self._noise = np.empty((0, 2))
         self._births = np.empty((0, 2))
         self._jumps = np.empty(0)
-        # By the number of the worn camera: how much its views contradict T_CF, its matches refused and found,
-        # and frames since its last view.
+        # By the number of the worn camera: how much its views contradict T_CF, how far the map moves that, what
+        # was refused and found of its matches, and frames since its last view.
         self._worn: dict[int, dict[str, Any]] = {}
 
     def judge(
@@ -90,7 +101,7 @@ class ConsistencyMonitor(PersistentState):
                 self._worn = self._worn | {seen.number: known | {"against": against}}
         if report.accepted:
             self._take(report, found, change)
-            self._take_worn(overlap.with_outcomes(report))
+            self._take_worn(overlap.with_outcomes(report), report.worn_error)
         return self.standing()
 
     def standing(self) -> str:
@@ -99,7 +110,11 @@ class ConsistencyMonitor(PersistentState):
             GYRO: self._gyro is not None and self._gyro.at_odds,
             WORN: any(
                 one["without"] <= _LAST
-                and (contradicted(one["against"]) or contradicted_lately(one["against"]))
+                and (
+                    contradicted(one["against"])
+                    or contradicted_lately(one["against"])
+                    or moved_too_far(*one["moved"].T)
+                )
                 for one in self._worn.values()
             ),
             WORN_MATCHES: any(self._too_many_refused(one["matches"]) for one in self._worn.values()),
@@ -121,21 +136,25 @@ class ConsistencyMonitor(PersistentState):
         ended = len(change.delayed) + len(change.off_arc)
         self._births = _last(self._births, [passed, ended], _LAST_BIRTHS)
 
-    def _take_worn(self, overlaps: list[tuple[Overlap, MeasurementOutcomes | None]]) -> None:
+    def _take_worn(self, overlaps: list[tuple[Overlap, MeasurementOutcomes | None]], error: Array) -> None:
+        first = next((seen for seen, pairs in overlaps if pairs is not None), None)  # the error is its
         looked = {seen.number: (seen, outcomes) for seen, outcomes in overlaps if seen.points}
         worn = {}
         for number in sorted({*self._worn, *looked}):
             known = self._worn.get(number, _NO_VIEWS)
             without = 0 if number in looked else known["without"] + 1
             # Cf may have moved on since: what it said does not count for ever
-            matches = known["matches"][:0] if without > _LAST else known["matches"]
+            gone = without > _LAST
+            matches, moved = (known[name][:0] if gone else known[name] for name in ("matches", "moved"))
             if number in looked:
                 seen, pairs = looked[number]
                 wrong = 0
                 if pairs is not None:
                     wrong = pairs.rejected_gate + pairs.rejected_batch + pairs.rejected_conditional
                 matches = _last(matches, [wrong, len(seen.ids)], _LAST)
-            worn[number] = known | {"matches": matches, "without": without}
+                if seen is first:
+                    moved = _last(moved, seen.moved(error, self._bias_share), _LAST)
+            worn[number] = known | {"matches": matches, "moved": moved, "without": without}
         self._worn = worn
 
     def _too_many_refused(self, counts: Array) -> bool:

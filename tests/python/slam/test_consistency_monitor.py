@@ -31,7 +31,14 @@ def outcomes(refused: int) -> Any:
     return SimpleNamespace(rejected_gate=0, rejected_batch=refused, rejected_conditional=0)
 
 
-def report(*, refused: int = 0, worn: int = 0, nis: float = 30.0, accepted: bool = True) -> Any:
+def report(
+    *,
+    refused: int = 0,
+    worn: int = 0,
+    nis: float = 30.0,
+    accepted: bool = True,
+    error: Any = np.zeros(6),  # noqa: B008 (never written to)
+) -> Any:
     """Of an update with thirty bearings."""
     return SimpleNamespace(
         accepted=accepted,
@@ -39,6 +46,7 @@ def report(*, refused: int = 0, worn: int = 0, nis: float = 30.0, accepted: bool
         views=[outcomes(worn)],
         nis=nis,
         dof=2 * FOUND,
+        worn_error=error,
     )
 
 
@@ -94,6 +102,21 @@ def test_a_good_run_is_never_degraded() -> None:
 def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlaps, MapChange]) -> None:
     assert cause in CAUSES
     assert verdict(lambda k: frame) == cause
+
+
+@pytest.mark.parametrize(("lasting", "least", "most"), [(0.0, 1.0, 1.6), (0.9, 1.8, 4.0)])
+def test_a_map_that_moves_t_cf_too_far_names_it(lasting: float, least: float, most: float) -> None:
+    """So many sigma in all directions: white errors never are, those that last may be by chance."""
+    sd = np.sqrt(np.diag(VIEW.covariance))
+
+    def said(sigmas: float) -> str:
+        view = replace(VIEW, bias=lasting * VIEW.covariance)
+        shown = replace(seen(0.1).each[0], given=view, worn=view)
+        update = report(error=sigmas * sd)
+        return verdict(lambda k: (update, Overlaps((shown,)), born()))
+
+    assert said(least) == NOTHING
+    assert said(most) == "t_cf"
 
 
 def test_what_one_view_refuses_has_one_cause() -> None:

@@ -98,6 +98,13 @@ class Overlap:
             who=self.number,
         )
 
+    def moved(self, error: Array, bias_share: float) -> tuple[float, float]:
+        """Square of an ``error`` (6,) of T_CF in units of its covariance, and the share of that which lasts:
+        ``bias_share`` where the view does not say."""
+        covariance, bias = self.given.covariance, self.given.bias
+        lasting = bias_share if bias is None else float(np.mean(np.diag(bias) / np.diag(covariance)))
+        return float(error @ np.linalg.solve(covariance, error)), lasting
+
     def births(self, outcomes: MeasurementOutcomes, t: float) -> tuple[ImagePoints, Ids]:
         """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""
         used = self.candidates[outcomes.born >= 0]
