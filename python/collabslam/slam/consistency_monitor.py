@@ -81,8 +81,8 @@ class ConsistencyMonitor(PersistentState):
         self._noise = np.empty((0, 2))
         self._births = np.empty((0, 2))
         self._jumps = np.empty(0)
-        # By the number of the worn camera: how much its views contradict T_CF, how far the map moves that, what
-        # was refused and found of its matches, and frames since its last view.
+        # By the number of the worn camera: how much its views contradict T_CF, how far the map moves it,
+        # matches refused and found, and frames since its last view.
         self._worn: dict[int, dict[str, Any]] = {}
 
     def judge(
