@@ -149,33 +149,43 @@ class ProjectedPoints:
 
 @final
 class Camera:
-    """A calibrated camera.
+    """A calibrated camera: `Camera("radtan", 640, 480, K, D)`, or by the names of ROS or Kalibr.
 
     Parameters
     ----------
-    model : {"pinhole", "radtan", "fisheye", "wideangle"}
-        Distortion model (METHOD 4): none; OpenCV's radial-tangential; equidistant; Davison's one
-        parameter.
+    model : str
+        Distortion model (METHOD 4): "pinhole", none; "radtan", OpenCV's radial-tangential; "fisheye",
+        equidistant; "wideangle", Davison's one parameter.  Or by another name of them, as "plumb_bob",
+        "rational_polynomial", "equidistant"; `models` has all.  "pinhole" if left out without distortion.
     width, height : int
         Image size, px.
-    intrinsics : sequence of 4 floats
-        ``fx, fy, cx, cy``, px.
-    distortion : sequence of floats
-        ``[]``, ``[k1, k2, p1, p2(, k3(, k4, k5, k6))]``, ``[k1, k2, k3, k4]`` or ``[K]``.
+    intrinsics : (4,) or (3, 3) array_like
+        ``fx, fy, cx, cy``, px, or the matrix K.
+    distortion : array_like
+        ``[]``, ``[k1, k2, p1, p2(, k3(, k4, k5, k6))]``, ``[k1, k2, k3, k4]`` or ``[K]``, of any shape;
+        zeros behind them are left out.
+    **others
+        The same by other names: ``K`` or ``k`` (intrinsics), ``D``, ``d`` or ``distortion_coeffs``
+        (distortion), ``distortion_model`` (model), ``resolution`` (width and height), and Kalibr's
+        ``camera_model="pinhole"``.
 
     Raises
     ------
     InputError
-        For an unknown model, a wrong number of parameters or impossible values.
+        For an unknown model, a wrong number or type of parameters, or impossible values.
     """
     def __new__(
         cls,
-        model: str,
-        width: int,
-        height: int,
-        intrinsics: Sequence[float],
-        distortion: Sequence[float] = ...,
+        model: str | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        intrinsics: ArrayLike | None = None,
+        distortion: ArrayLike | None = None,
+        **others: ArrayLike | None,
     ) -> Camera: ...
+    @staticmethod
+    def models() -> list[tuple[str, str]]:
+        """Our model of distortion by each name that it has elsewhere, in lower case."""
     @property
     def model(self) -> str:
         """Name of the distortion model."""

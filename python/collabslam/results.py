@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from collabslam._core import Prediction, pose_inverse
+from collabslam._core import Prediction, pose_inverse, rotation_log
 from collabslam.level import Level
-from collabslam.types import Array, Ids, Status
+from collabslam.types import Array, Brief, Ids, Status
 
 FEATURE_STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
 """Used by the filter; found but refused; patch not found; found twice; outside the image; not looked for."""
 
 
-@dataclass(frozen=True)
-class FrameFeatures:
+@dataclass(frozen=True, repr=False)
+class FrameFeatures(Brief):
     """The features that should be visible in a frame.
 
     Attributes
@@ -57,8 +57,8 @@ class FrameFeatures:
         return np.asarray(self.pairs[np.array([whose == name for whose in self.pair_names], bool)])
 
 
-@dataclass(frozen=True)
-class WornPose:
+@dataclass(frozen=True, repr=False)
+class WornPose(Brief):
     """Where a worn camera was when its view was taken.
 
     Attributes
@@ -86,8 +86,8 @@ class WornPose:
     clock: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True)
-class GyroEstimate:
+@dataclass(frozen=True, repr=False)
+class GyroEstimate(Brief):
     """What is known of a gyroscope after a frame (METHOD section 28).
 
     Attributes
@@ -120,7 +120,7 @@ class StepResult:
     covariance : (6, 6) float64
         Of the pose over (translation, rotation), tangent on the right, m^2 and rad^2.
     status : Status
-        OK, DEGRADED, COASTING or LOST.
+        OK, DEGRADED, COASTING or LOST; NOT_STARTED as long as there is no map.
     valid : bool
         Whether the pose may be used: the filter has started and is not LOST.
     started : bool
@@ -161,6 +161,26 @@ class StepResult:
     gyro: GyroEstimate | None = None
     level: Level | None = None
 
+    def __repr__(self) -> str:
+        lines = [f"StepResult at {self.t:.6f} s: {self.status.value}"]
+        if self.valid:
+            x, y, z = self.pose[:3, 3]
+            turn = np.degrees(rotation_log(np.ascontiguousarray(self.pose[:3, :3])))
+            variances = self.covariance.diagonal()
+            metres, degrees = np.sqrt(variances[:3].sum()), np.degrees(np.sqrt(variances[3:].sum()))
+            unit = "m" if self.metric else "units of its own"
+            lines += [
+                f"  position {x:.3f} {y:.3f} {z:.3f} {unit}, known to {metres:.3f} (1 sigma)",
+                f"  turned by {turn[0]:.2f} {turn[1]:.2f} {turn[2]:.2f} degrees, known to {degrees:.2f}",
+            ]
+            lines += [f"  scale known to {100.0 * self.scale_sd:.2g} %"] if self.metric else []
+        states = self.features.states
+        lines.append(f"  features: {states.count('accepted')} accepted of {len(states)} expected in view")
+        for name, worn in list(self.worn.items())[:3]:
+            how = f"{worn.matches} matches" if worn.measured else "by T_CF alone, not by matches"
+            lines.append(f"  worn camera{' ' if name else ''}{name}: {how}")
+        return "\n".join(lines)
+
     @property
     def t_map_odom(self) -> Array:
         """(4, 4): what moves ``pose`` to ``pose_map``, from the world of the odometry into the map."""
@@ -195,8 +215,8 @@ class Loop:
     chi2: float
 
 
-@dataclass(frozen=True)
-class Landmarks:
+@dataclass(frozen=True, repr=False)
+class Landmarks(Brief):
     """The map: ``ids`` (N,) int64, ``points`` (N, 3) metres in W, ``covariance`` (N, 3, 3) m^2."""
 
     ids: Ids
@@ -204,8 +224,8 @@ class Landmarks:
     covariance: Array
 
 
-@dataclass(frozen=True)
-class SubmapPoses:
+@dataclass(frozen=True, repr=False)
+class SubmapPoses(Brief):
     """The submaps of a way, as the loops of the whole way correct them.
 
     Attributes

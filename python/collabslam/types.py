@@ -26,6 +26,22 @@ Ids = NDArray[np.int64]
 Indices = NDArray[np.int64]
 
 
+class Brief:
+    """Prints as a line: what holds arrays prints them by their shapes."""
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{name}={_brief(value)}" for name, value in vars(self).items())
+        return f"{type(self).__name__}({told})"
+
+
+def _brief(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape}"
+    if isinstance(value, list | tuple | dict) and len(value) > 4:
+        return f"{len(value)} in a {type(value).__name__}"
+    return repr(value)
+
+
 def person_name(name: object, error: type[CollabslamError]) -> str:
     """``name`` if a person can be called so; raises ``error`` otherwise.
 
@@ -45,11 +61,12 @@ class Status(str, enum.Enum):
     OK = "OK"
     DEGRADED = "DEGRADED"
     COASTING = "COASTING"
+    NOT_STARTED = "NOT_STARTED"
     LOST = "LOST"
 
 
-@dataclass(frozen=True)
-class WornView:
+@dataclass(frozen=True, repr=False)
+class WornView(Brief):
     """One view of a worn camera Cf.
 
     Attributes
@@ -77,8 +94,8 @@ class WornView:
     who: str = ""
 
 
-@dataclass(frozen=True)
-class Masks:
+@dataclass(frozen=True, repr=False)
+class Masks(Brief):
     """What is never scene in the cameras' images; True where there may be scene.
 
     Attributes
@@ -98,8 +115,8 @@ class Masks:
         return self.robot is not None or bool(self.worn)
 
 
-@dataclass(frozen=True)
-class DepthPoints:
+@dataclass(frozen=True, repr=False)
+class DepthPoints(Brief):
     """What another sensor measured of the depth in a frame.
 
     Attributes
@@ -115,8 +132,8 @@ class DepthPoints:
     sigma: Array
 
 
-@dataclass(frozen=True)
-class Odometry:
+@dataclass(frozen=True, repr=False)
+class Odometry(Brief):
     """What wheels or another sensor of motion measured beside a recording (METHOD section 23).
 
     Attributes
@@ -141,8 +158,8 @@ class Odometry:
         return len(self.times)
 
 
-@dataclass(frozen=True)
-class Imu:
+@dataclass(frozen=True, repr=False)
+class Imu(Brief):
     """A gyroscope, and maybe an accelerometer, that is fixed to Cs: how it sits, and how good it is.
 
     What is None is the setting ``filter.imu`` of that name.
@@ -190,8 +207,8 @@ class Imu:
         return {key: float(value) for key, value in stated.items() if value is not None}
 
 
-@dataclass(frozen=True)
-class ImuLog:
+@dataclass(frozen=True, repr=False)
+class ImuLog(Brief):
     """What a gyroscope, and maybe an accelerometer, measured beside a recording (METHOD section 28).
 
     Attributes
@@ -219,8 +236,8 @@ class ImuLog:
         return len(self.times)
 
 
-@dataclass(frozen=True)
-class Frame:
+@dataclass(frozen=True, repr=False)
+class Frame(Brief):
     """One frame of a recording.
 
     Attributes
@@ -244,8 +261,8 @@ class Frame:
     depth: DepthPoints | None = None
 
 
-@dataclass(frozen=True)
-class Target:
+@dataclass(frozen=True, repr=False)
+class Target(Brief):
     """A known metric target in the first frame (METHOD section 10).
 
     Attributes

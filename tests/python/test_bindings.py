@@ -15,6 +15,7 @@ from collabslam import Camera, DepthMeasurement, Filter, FilterSettings, WornMea
 from collabslam.errors import InputError, SettingsError
 
 CS = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
+K = np.array([[50.0, 0.0, 32.0], [0.0, 51.0, 24.0], [0.0, 0.0, 1.0]])
 CF = Camera("radtan", 640, 480, (480.0, 482.0, 321.0, 238.0), (-0.05, 0.01, 0.0003, -0.0002))
 T_CF = np.eye(4)
 T_CF[:3, 3] = 0.5, 0.0, 0.05
@@ -340,6 +341,57 @@ class TestCamera:
     def test_bad_calibration(self, arguments: Any, words: str) -> None:
         with pytest.raises(InputError, match=words):
             Camera(*arguments)
+
+    @pytest.mark.parametrize(
+        ("given", "named"),
+        [
+            (("plumb_bob", 64, 48, K, np.zeros((1, 5))), {}),
+            (("radtan", np.int64(64), 48, K, [0.0] * 14), {}),
+            (
+                (),
+                {"width": 64, "height": 48, "distortion_model": "plumb_bob", "K": K.ravel(), "D": [0.0] * 5},
+            ),
+            ((), {"width": 64, "height": 48, "distortion_model": "radtan", "k": K, "d": [0.0] * 8}),
+            (
+                (),
+                {
+                    "camera_model": "pinhole",
+                    "intrinsics": [50, 51, 32, 24],
+                    "distortion_model": "radtan",
+                    "distortion_coeffs": [0.0] * 4,
+                    "resolution": [64, 48],
+                },
+            ),
+        ],
+    )
+    def test_names_and_matrices_of_other_programs(self, given: Any, named: Any) -> None:
+        assert Camera(*given, **named) == Camera("radtan", 64, 48, (50, 51, 32, 24), (0, 0, 0, 0))
+
+    def test_without_distortion_it_is_a_pinhole(self) -> None:
+        for lens in ({}, {"D": [0.0] * 5}, {"distortion": None}):
+            assert Camera(width=64, height=48, K=K, **lens) == Camera("pinhole", 64, 48, (50, 51, 32, 24))
+
+    @pytest.mark.parametrize(
+        ("given", "named", "words"),
+        [
+            ((420, 420, 320, 240), {}, "a name is needed, not 420; give a model, width and height"),
+            ((), {"width": 64, "height": 48, "K": K, "rostopic": "/a"}, "no argument `rostopic`"),
+            ((), {"width": 64, "height": 48, "K": K, "k": K}, "`k` was given beside another name"),
+            ((), {"width": 64, "height": 48, "K": K, "D": [0.1, 0, 0, 0]}, "distortion and no model"),
+            ((), {"width": 64, "resolution": [64, 48], "K": K}, "beside the resolution"),
+            ((), {"camera_model": "omni", "resolution": [64, 48], "intrinsics": [1, 2, 3, 4]}, "`omni`"),
+            (("pinhole", 64.5, 48, K), {}, "whole pixels are needed"),
+            (("pinhole", 64, 48), {}, "intrinsics: there are none"),
+            (("pinhole", 64, 48, K.T), {}, "row by row"),
+            (("pinhole", 64, 48, K + 5.0 * np.eye(3, k=1)), {}, "row by row|skew"),
+            (("pinhole", 64, 48, [1, 2, 3]), {}, "fx, fy, cx, cy or the 3x3 matrix K"),
+            (("pinhole", 64, 48, "abc"), {}, "an array of numbers is needed"),
+            (("radtan", 64, 48, K, {"k1": 1}), {}, "an array of numbers is needed"),
+        ],
+    )
+    def test_what_is_no_camera_is_named(self, given: Any, named: Any, words: str) -> None:
+        with pytest.raises(InputError, match=words):
+            Camera(*given, **named)
 
     def test_bad_arrays(self) -> None:
         with pytest.raises(InputError, match="points has shape"):

@@ -2,6 +2,7 @@
 
 use crate::arrays_in::{Argument, pixels, rows};
 use crate::arrays_out::{Column, Table, column, to_matrix, vectors};
+use crate::camera_names::{Given, MODELS, OtherNames};
 use crate::errors::to_python;
 use crate::gate;
 use ekf_core::Camera;
@@ -13,6 +14,16 @@ use pyo3::types::PyTuple;
 ///
 /// Python: tuple[float, ...]
 type Parameters<'py> = Bound<'py, PyTuple>;
+
+/// A name, of whatever type it is.
+///
+/// Python: str
+type NameArgument<'py> = Bound<'py, PyAny>;
+
+/// A whole number, of whatever type it is.
+///
+/// Python: int
+type WholeArgument<'py> = Bound<'py, PyAny>;
 
 /// Where points lie in an image.
 ///
@@ -28,24 +39,30 @@ pub(crate) struct ProjectedPoints {
     visible: Column<bool>,
 }
 
-/// A calibrated camera.
+/// A calibrated camera: `Camera("radtan", 640, 480, K, D)`, or by the names of ROS or Kalibr.
 ///
 /// Parameters
 /// ----------
-/// model : {"pinhole", "radtan", "fisheye", "wideangle"}
-///     Distortion model (METHOD 4): none; OpenCV's radial-tangential; equidistant; Davison's one
-///     parameter.
+/// model : str
+///     Distortion model (METHOD 4): "pinhole", none; "radtan", OpenCV's radial-tangential; "fisheye",
+///     equidistant; "wideangle", Davison's one parameter.  Or by another name of them, as "plumb_bob",
+///     "rational_polynomial", "equidistant"; `models` has all.  "pinhole" if left out without distortion.
 /// width, height : int
 ///     Image size, px.
-/// intrinsics : sequence of 4 floats
-///     ``fx, fy, cx, cy``, px.
-/// distortion : sequence of floats
-///     ``[]``, ``[k1, k2, p1, p2(, k3(, k4, k5, k6))]``, ``[k1, k2, k3, k4]`` or ``[K]``.
+/// intrinsics : (4,) or (3, 3) array_like
+///     ``fx, fy, cx, cy``, px, or the matrix K.
+/// distortion : array_like
+///     ``[]``, ``[k1, k2, p1, p2(, k3(, k4, k5, k6))]``, ``[k1, k2, k3, k4]`` or ``[K]``, of any shape;
+///     zeros behind them are left out.
+/// **others
+///     The same by other names: ``K`` or ``k`` (intrinsics), ``D``, ``d`` or ``distortion_coeffs``
+///     (distortion), ``distortion_model`` (model), ``resolution`` (width and height), and Kalibr's
+///     ``camera_model="pinhole"``.
 ///
 /// Raises
 /// ------
 /// InputError
-///     For an unknown model, a wrong number of parameters or impossible values.
+///     For an unknown model, a wrong number or type of parameters, or impossible values.
 #[pyclass(name = "Camera", module = "collabslam._core", frozen, eq)]
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PyCamera(pub(crate) Camera);
@@ -53,17 +70,32 @@ pub(crate) struct PyCamera(pub(crate) Camera);
 #[pymethods]
 impl PyCamera {
     #[new]
-    #[pyo3(signature = (model, width, height, intrinsics, distortion = Vec::new()))]
+    #[pyo3(signature = (model = None, width = None, height = None, intrinsics = None, distortion = None, **others))]
     fn new(
-        model: &str,
-        width: u32,
-        height: u32,
-        intrinsics: [f64; 4],
-        distortion: Vec<f64>,
+        model: Option<NameArgument<'_>>,
+        width: Option<WholeArgument<'_>>,
+        height: Option<WholeArgument<'_>>,
+        intrinsics: Option<Argument<'_>>,
+        distortion: Option<Argument<'_>>,
+        others: Option<&OtherNames<'_>>,
     ) -> PyResult<Self> {
-        Camera::new(model, width, height, intrinsics, &distortion)
+        let given = Given {
+            model,
+            size: [width, height],
+            intrinsics,
+            distortion,
+            others,
+        };
+        let (model, width, height, intrinsics, distortion) = given.read()?;
+        Camera::new(&model, width, height, intrinsics, &distortion)
             .map(Self)
             .map_err(to_python)
+    }
+
+    /// Our model of distortion by each name that it has elsewhere, in lower case.
+    #[staticmethod]
+    fn models() -> Vec<(&'static str, &'static str)> {
+        MODELS.to_vec()
     }
 
     /// Name of the distortion model.

@@ -3,6 +3,7 @@
 mod arrays_in;
 mod arrays_out;
 mod camera;
+mod camera_names;
 mod errors;
 mod filter;
 mod frontend;

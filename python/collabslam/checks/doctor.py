@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from collabslam.frontend.worn_verdict import contradicted
+from collabslam.geometry import rotation_log
 from collabslam.runs.report import DEGRADED_BY, FIXED
+from collabslam.runs.results import MAP
 from collabslam.runs.run_folder import RunFolder
 from collabslam.types import Array, Mask
 
@@ -23,6 +25,9 @@ FEW_MEASURED = 0.1
 """Share of a person's views that are measured at least, unless something is wrong."""
 GYRO_GAPS = 0.1
 """Share of the frames without a gyroscope that has one which is worth a word."""
+ONLY_TURNED = 150.0, 30.0
+"""Degrees that a camera turns while it goes as far as what it sees is away, from which on it only turns, and
+in all."""
 GAP = 3.0
 """Time between frames, in median ones, that counts as a gap."""
 
@@ -36,7 +41,13 @@ def diagnose(run: RunFolder) -> list[str]:
     if not frames.started.any():
         return [*_never_started(frames, summary), *_worn(frames)]
     gyro = list(_gyro(frames, summary))
-    found = [*_lost(frames), *_degraded(frames), *_tracking(frames), *_consistency(frames)]
+    found = [
+        *_only_turned(frames, run),
+        *_lost(frames),
+        *_degraded(frames),
+        *_tracking(frames),
+        *_consistency(frames),
+    ]
     found += [*_clock(frames), *_worn(frames), *_persons(summary), *_scale(frames, summary)]
     return [*(found or ["Nothing is wrong with this run as far as its diagnostics show."]), *gyro]
 
@@ -88,6 +99,25 @@ def _never_started(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
         yield f"The filter never started from '{start}': the first frames show too few points to track."
 
 
+def _only_turned(frames: Frames, run: RunFolder) -> Iterator[str]:
+    """Of one camera alone in a run that did not go well: turning tells no depth."""
+    well = not frames.degraded_by.keys() - {""} and "LOST" not in frames.status
+    points = run.landmarks().points if (run.path / MAP).exists() else np.empty((0, 3))
+    if well or frames.total("worn") or not len(points):
+        return
+    _, poses, _ = run.trajectory()
+    away = float(np.median(np.linalg.norm(points - poses[-1, :3, 3], axis=1)))
+    steps = np.linalg.inv(poses[:-1]) @ poses[1:]
+    turned = float(sum(np.degrees(np.linalg.norm(rotation_log(step[:3, :3]))) for step in steps))
+    moved = float(np.linalg.norm(steps[:, :3, 3], axis=1).sum()) / away
+    if turned > max(ONLY_TURNED[0] * moved, ONLY_TURNED[1]):
+        yield (
+            f"The camera only turned: {turned:.0f} degrees, on a way of {moved:.1f} times the distance of "
+            "what it sees. Turning tells no depth: move it sideways too, or add Cf, a tag, odometry or a "
+            "gyroscope."
+        )
+
+
 def _lost(frames: Frames) -> Iterator[str]:
     first = int(np.flatnonzero(frames.started)[0])
     lost = np.flatnonzero(frames.status == "LOST")
@@ -115,7 +145,8 @@ _REMEDIES = {
     "places look the same",
     "matches": "things move over much of the image, the focal length is wrong, or one camera alone does not "
     "find the depths on this path",
-    "moving": "things move over much of the image, or the camera's calibration is wrong (check-calib)",
+    "moving": "things move over much of the image, the camera only turns (move it sideways), or its "
+    "calibration is wrong (check-calib)",
     "noise": "check the calibration, or raise filter.pixel.sigma_cs",
 }
 

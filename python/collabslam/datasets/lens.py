@@ -16,15 +16,8 @@ from collabslam.datasets.gate import tell
 from collabslam.errors import DataError
 from collabslam.types import Array
 
-MODELS = {
-    **dict.fromkeys(("none", "", "pinhole", "rectified"), "pinhole"),
-    **dict.fromkeys(("radtan", "radial-tangential", "radial_tangential", "plumb_bob", "brown"), "radtan"),
-    **dict.fromkeys(("rational_polynomial", "opencv", "brown_conrady"), "radtan"),
-    **dict.fromkeys(("equidistant", "equi", "fisheye", "kannala_brandt", "kannalabrandt8"), "fisheye"),
-    **dict.fromkeys(("wideangle", "fov", "ds", "eucm"), None),
-}
-MODELS |= {name: name for name, model in MODELS.items() if model is None}
-"""Our name of each model of distortion."""
+MODELS = {**dict(Camera.models()), "fov": "fov", "ds": "ds", "eucm": "eucm"}
+"""Our name of each model of distortion, or that of one which is carried to a fisheye."""
 COUNTS = {"pinhole": (0,), "radtan": (4, 5, 8), "fisheye": (4,), "wideangle": (1,)}
 _MOST_RATIO = 3.0
 """Of fx to fy, either way."""

@@ -31,6 +31,9 @@ class RunRecord:
     worn: list[bool] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        return f"RunRecord of {len(self)} frames, {int(self.valid.sum())} with a pose"
+
     def append(self, step: StepResult, *, worn: bool, seconds: float) -> None:
         """Add one frame."""
         self.steps.append(step)
@@ -112,7 +115,7 @@ class RunRecord:
 
     @property
     def statuses(self) -> list[str]:
-        """OK, DEGRADED, COASTING or LOST per frame."""
+        """The `Status` of each frame, as text."""
         return [s.status.value for s in self.steps]
 
     def valid_at(self, index: int) -> bool:

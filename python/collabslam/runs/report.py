@@ -80,6 +80,23 @@ def summary_text(summary: Summary) -> str:
     return head + "\n" + text_table([*rows, *_gyro(summary), *_level(summary), *_persons(summary)])
 
 
+_BRIEF = (
+    "frames OK",
+    "status at the end",
+    "path length",
+    "duration, speed",
+    "position at the end known to",
+    "worn camera Cf",
+    "ATE, all frames",
+)
+
+
+def brief_text(summary: Summary) -> str:
+    """What came out of a run in a few lines."""
+    rows = [[label, said] for label, text in LINES if label in _BRIEF and (said := text(summary)) != _MISSING]
+    return f"run of {summary['recording']}, {summary['mode']}\n{text_table(rows)}"
+
+
 DEGRADED_BY = {
     "gyro": "the gyroscope turns otherwise than the images do",
     "t_cf": "the images contradict T_CF by more than its covariance allows",
@@ -87,7 +104,8 @@ DEGRADED_BY = {
     "size": "Cf sees points of the map nearer or farther than the map has them, all by one factor",
     "jump": "the camera was found again where it cannot have got to since the frame before",
     "matches": "more matches are refused than a scene that stands still leaves",
-    "moving": "new points do not move as those of a scene that stands still",
+    "moving": "new points do not move as those of a scene that stands still, seen by a camera that moves and "
+    "does not only turn",
     "noise": "features are found farther from where they are expected than the noise that is claimed",
 }
 """Why frames are DEGRADED, by the cause in ``frames.csv``."""

@@ -24,6 +24,7 @@ from collabslam.runs.level import LEVEL, WORLD_NOTE, measured_level, parse_world
 from collabslam.runs.plan import MODE_KEY, Interval, Output, Plan
 from collabslam.runs.progress import Progress
 from collabslam.runs.rate_poses import RATE_NOTE, rate_poses, write_rate_poses
+from collabslam.runs.report import brief_text
 from collabslam.runs.results import RATE_POSES, ResultWriter, jsonable
 from collabslam.runs.sensors import give_sensors, gyro_numbers
 from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
@@ -82,6 +83,10 @@ class RunResult:
     folder: Path | None = None
     submaps: SubmapPoses | None = None
     level: Level | None = None
+
+    def __repr__(self) -> str:
+        where = f"\n  results are in {self.folder}" if self.folder is not None else ""
+        return brief_text(self.summary) + where
 
 
 def run(
@@ -458,6 +463,6 @@ class _Saver:
 
 
 def _note(step: StepResult) -> str:
-    text = step.status.value if step.started else "not started"
+    text = step.status.value
     accepted = step.diagnostics.get("accepted")
     return text if accepted is None else f"{text}, {int(accepted)} features"

@@ -80,7 +80,7 @@ class Verdict:
     ) -> Status:
         """Status of the frame; before the start nothing can be said of a pose."""
         if not self._filter.started:
-            return Status.COASTING
+            return Status.NOT_STARTED
         return self._monitor.update(
             t,
             inliers,

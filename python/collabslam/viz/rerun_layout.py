@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 CURVES = (
-    ("status", "status (3 OK, 2 DEGRADED, 1 COASTING, 0 LOST)", ("status",)),
+    ("status", "status (3 OK, 2 DEGRADED, 1 COASTING, 0 LOST, -1 NOT_STARTED)", ("status",)),
     ("features", "features", ("predicted", "accepted", "cf_matches", "map_size")),
     ("time", "ms a frame", ("ms_total",)),
     ("nis", "NIS of the bearings", ("nis",)),

@@ -11,9 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
+from collabslam import geometry as g
 from collabslam.checks.doctor import diagnose
 from collabslam.cli import main as cli
 from collabslam.datasets import load_camera, open_recording
+from collabslam.formats.landmarks import write_ply
+from collabslam.formats.trajectory import write_covariances, write_tum
+from collabslam.results import Landmarks
 from collabslam.runs.folder import MARK
 from collabslam.runs.run_folder import RunFolder
 from collabslam.settings.table import Settings, schema
@@ -124,3 +128,17 @@ def test_settings_docs_hold_every_setting(capsys: pytest.CaptureFixture[str]) ->
     for key, entry in schema().items():
         assert f"`{key.rpartition('.')[2]}`" in text
         assert entry.doc in text
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_camera_that_only_turns_is_told(tmp_path: Path, moves: bool) -> None:
+    """It sees points at two metres; it turns by two degrees a frame, and maybe goes 10 cm."""
+    turns = [g.rotation_exp([0.0, 0.035 * k, 0.0]) for k in range(30)]
+    poses = np.array([g.pose(turn, [0.1 * k * moves, 0.0, 0.0]) for k, turn in enumerate(turns)])
+    points = np.array([[0.5 * k - 2.0, 0.0, 2.0] for k in range(9)])
+    folder, times = tmp_path / "run", 0.1 * np.arange(30)
+    run(folder, many(20) + many(10, status="DEGRADED", degraded_by="moving"), start="scale-free")
+    write_tum(folder / "trajectory.tum", times, poses)
+    write_covariances(folder / "trajectory.cov", times, np.array([np.eye(6)] * 30))
+    write_ply(folder / "map.ply", Landmarks(np.arange(9), points, np.array([np.eye(3)] * 9)))
+    assert ("only turned: 58 degrees" in diagnose(RunFolder(folder))[0]) != moves

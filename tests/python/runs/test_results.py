@@ -266,3 +266,19 @@ def test_runs_without_a_valid_pose_write_empty_trajectories(tmp_path: Path) -> N
     assert all(line.startswith("#") for line in (tmp_path / "trajectory.tum").read_text().splitlines())
     write_ply(tmp_path / "map.ply", landmarks(0))
     assert b"element vertex 0" in (tmp_path / "map.ply").read_bytes()
+
+
+def test_what_comes_out_prints_in_a_few_lines() -> None:
+    record = RunRecord()
+    for k in range(3):
+        record.append(step(k), worn=True, seconds=0.01)
+    said = repr(step(1))
+    assert said.splitlines()[0] == "StepResult at 1500000000.100000 s: OK"
+    assert "position 0.100 0.000 0.200 m, known to 0.02" in said
+    assert (
+        repr(landmarks()) == "Landmarks(ids=int64 (5,), points=float64 (5, 3), covariance=float64 (5, 3, 3))"
+    )
+    for shown in (step(1), step(1, valid=False), record, submap_poses(record), landmarks()):
+        lines = repr(shown).splitlines()
+        assert len(lines) <= 10
+        assert max(map(len, lines)) <= 240
