@@ -59,7 +59,7 @@ def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         "--poses",
         metavar="FILE",
         type=Path,
-        help="true poses (TUM, EuRoC, KITTI, ..), to score and to emulate Cf",
+        help="true poses (TUM, EuRoC, KITTI, COLMAP, nerfstudio, ..), to score and to emulate Cf",
     )
     group.add_argument(
         "--depth", metavar="TOPIC", help="of a bag: depth images registered to Cs; as --topics depth=TOPIC"

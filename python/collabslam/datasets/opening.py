@@ -188,7 +188,8 @@ def open_given(path: Path, given: Given) -> DiskRecording:
     path = path.resolve()
     recording = recognise(path, given).open(path, given)
     if given.poses is not None:
-        truth = poses_of_frames(given.poses, recording.times, given.axes.get("poses"))
+        names = [file.name for file in getattr(recording, "paths", ())]
+        truth = poses_of_frames(given.poses, recording.times, given.axes.get("poses"), names)
         recording = replace(recording, truth=truth)
     recording = with_t_cf_turned(recording, given.axes.get("t_cf", "optical"))
     if given.odometry is not None:

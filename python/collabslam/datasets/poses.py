@@ -11,9 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam.datasets.gate import data_lines, read_keys, tell, text_of
+from collabslam.datasets.named_poses import colmap_poses, is_colmap, nerfstudio_poses
 from collabslam.datasets.units import as_seconds, counts, read_stamps
 from collabslam.errors import DataError, SettingsError
-from collabslam.geometry import interpolate_pose, nearest_rotation, pose, pose_from_quaternion
+from collabslam.geometry import (
+    interpolate_pose,
+    nearest_rotation,
+    pose,
+    pose_from_quaternion,
+    pose_inverse,
+    rotation_exp,
+)
 from collabslam.types import Array
 
 _CLAMP_SECONDS = 1e-3
@@ -228,18 +236,21 @@ def read_track(path: Path, *, euroc: bool = False) -> tuple[Array, Array]:
     return as_seconds(rows.stamps), np.asarray(rows.poses)
 
 
-def poses_of_frames(path: Path, times: Array, axes: str | None = None) -> Array:
+def poses_of_frames(path: Path, times: Array, axes: str | None = None, names: Sequence[str] = ()) -> Array:
     """Poses of a file at the times of frames, (N, 4, 4) with NaN where it says nothing.
 
     Parameters
     ----------
     path
-        TUM, or EuRoC with its header; or a pose for each frame without stamps: a matrix a line (KITTI),
-        lines that are counted in place of stamps, Record3D's ``metadata``.
+        TUM, EuRoC with its header, or ARKitScenes' ``.traj``; or a pose for each frame without stamps: a
+        matrix a line (KITTI), lines that are counted in place of stamps, Record3D's ``metadata``; or poses by
+        the names of images: COLMAP's ``images.txt``, nerfstudio's ``transforms.json``.
     times : (N,) array
         Seconds.
     axes
         Of the camera, one of `AXES`; optical unless told, or as the file's program has them.
+    names
+        Of the frames' images, where they are files.
 
     Raises
     ------
@@ -248,20 +259,19 @@ def poses_of_frames(path: Path, times: Array, axes: str | None = None) -> Array:
     SettingsError
         If there are no such axes.
     """
-    record3d = text_of(path).lstrip()[:1] == "{"
-    poses = _record3d(path, len(times)) if record3d else _of_lines(path, times)
-    axes = axes or ("opengl" if record3d else "optical")
+    keyed = text_of(path).lstrip()[:1] == "{"
+    poses = _of_keys(path, len(times), names) if keyed else _of_lines(path, times, names)
+    axes = axes or ("opengl" if keyed else "optical")
     tell("axes of the poses", axes, path)
     return np.asarray(poses @ axes_of(axes)) if axes != "optical" else poses
 
 
-def _of_lines(path: Path, times: Array) -> Array:
+def _of_lines(path: Path, times: Array, names: Sequence[str]) -> Array:
     lines = data_lines(path)
-    if lines and len(lines[0][1]) == 10 and "." in lines[0][1][9]:
-        raise DataError(
-            f"{path} is COLMAP's images.txt, whose poses are inverse and of images by name; give lines of "
-            "stamp, x y z, qx qy qz qw of the camera in the world."
-        )
+    if is_colmap(lines):
+        return colmap_poses(path, names)
+    if path.suffix == ".traj" and lines and all(len(fields) == 7 for _, fields in lines):
+        return interpolate_track(*_arkit_scenes(path), times)
     if lines and all(len(fields) in (12, 16) for _, fields in lines):
         return _one_a_frame(read_pose_rows(path), len(times), f"{path} (a matrix for each frame, as KITTI's)")
     rows, ids = read_pose_table(path), [fields[0] for _, fields in lines]
@@ -287,14 +297,26 @@ def _one_a_frame(poses: Array, count: int, where: str) -> Array:
     return poses
 
 
-def _record3d(path: Path, count: int) -> Array:
-    """The poses of Record3D's ``metadata``: quaternion x y z w, position."""
+def _arkit_scenes(path: Path) -> tuple[Array, Array]:
+    """Stamps and poses of a ``.traj``: stamp, rotation vector and position of the world in the camera."""
+    rows = [number_fields(fields, f"Line {number} of {path}") for number, fields in data_lines(path)]
+    values = np.asarray([row for row in rows if np.isfinite(row).all()]).reshape(-1, 7)
+    values = values[np.argsort(values[:, 0], kind="stable")]
+    if len(values):
+        check_position(values[:, 4:], str(path))
+    poses = [pose_inverse(pose(rotation_exp(row[1:4]), row[4:])) for row in values]
+    tell(
+        "poses", f"{len(values)} of {len(rows)} lines, rotation vectors, world to camera (ARKitScenes)", path
+    )
+    return values[:, 0], np.asarray(poses).reshape(-1, 4, 4)
+
+
+def _of_keys(path: Path, count: int, names: Sequence[str]) -> Array:
+    """The poses of a ``transforms.json``, or of Record3D's ``metadata``: quaternion x y z w, position."""
     with read_keys(path) as keys:
         if keys.has("frames"):
-            raise DataError(
-                f"{path} is nerfstudio's transforms.json, whose poses are of images by name; give lines of "
-                "stamp, x y z, qx qy qz qw, and --poses-axes opengl if its axes are kept."
-            )
+            found = nerfstudio_poses(keys, path, names)
+            return np.array([rigid(t, f"A transform_matrix of {path}") for t in found])
         rows = np.asarray(keys.numbers("poses"))
         keys.leave("*", why="of the camera")
     if len(rows) % 7:

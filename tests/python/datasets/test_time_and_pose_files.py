@@ -16,6 +16,8 @@ from collabslam.datasets.poses import OPENGL_FROM_OPTICAL, poses_of_frames, read
 from collabslam.datasets.recording import stamps_in_names, times_at_rate
 from collabslam.datasets.units import as_nanoseconds, as_seconds, listed_stamps, read_stamps
 from collabslam.errors import DataError
+from collabslam.formats.trajectory import position_quaternion
+from collabslam.geometry import rotation_log
 from collabslam.types import Array
 
 NS = 1_700_000_000_000_000_000
@@ -196,13 +198,46 @@ def test_record3ds_poses(tmp_path: Path) -> None:
     np.testing.assert_allclose(poses_of_frames(path, TIMES, "optical"), TRUE, atol=1e-8)
 
 
+NAMES = [f"{k:03}.jpg" for k in range(12)]
+
+
+def test_poses_by_name_are_those_of_the_images(tmp_path: Path) -> None:
+    """In any order, of some images, with other folders or endings; COLMAP's map the world into cameras."""
+    rows, frames = [], []
+    for k in (5, 0, 11, 3):
+        x, y, z, qx, qy, qz, qw = position_quaternion(np.linalg.inv(TRUE[k]))
+        rows += [f"{k + 1} {qw} {qx} {qy} {qz} {x} {y} {z} 1 left/{NAMES[k]}", "1.5 2.5 -1"]
+        matrix = (TRUE[k] @ OPENGL_FROM_OPTICAL).tolist()
+        frames.append({"file_path": f"./images/{k:03}", "transform_matrix": matrix, "colmap_im_id": k})
+    for text in ("# Image list\n" + "\n".join(rows), json.dumps({"fl_x": 1.0, "frames": frames})):
+        path = tmp_path / "poses"
+        path.write_text(text)
+        found = poses_of_frames(path, TIMES, names=NAMES)
+        known = [0, 3, 5, 11]
+        np.testing.assert_allclose(found[known], TRUE[known], atol=1e-8)
+        assert np.isnan(np.delete(found, known, 0)).all()
+        with pytest.raises(DataError, match="none of this recording's images"):
+            poses_of_frames(path, TIMES, names=["a.png"] * 12)
+
+
+def test_arkit_scenes_trajectory(tmp_path: Path) -> None:
+    lines = []
+    for k in range(12):
+        t_cw = np.linalg.inv(TRUE[k])
+        vector = [*rotation_log(t_cw[:3, :3]), *t_cw[:3, 3]]
+        lines.append(" ".join(f"{v:.12f}" for v in (TIMES[k], *vector)))
+    path = tmp_path / "lowres_wide.traj"
+    path.write_text("\n".join(lines))
+    np.testing.assert_allclose(poses_of_frames(path, TIMES), TRUE, atol=1e-8)
+
+
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
         ([line(k, k) for k in range(11)], "11 poses for 12 frames"),
         ([" ".join(f"{v:.9f}" for v in pose(k)[:3].ravel()) for k in range(11)], "11 poses for 12 frames"),
-        (["1 1 0 0 0 0 0 0 1 a.jpg", "10.5 20.5 -1"], "COLMAP"),
-        (['{"frames": [{"file_path": "a.png"}]}'], "nerfstudio"),
+        (["1 1 0 0 0 0 0 0 1 a.jpg", "10.5 20.5 -1"], "images are no files"),
+        (['{"frames": [{"file_path": "a.png"}]}'], "4x4 is needed"),
         ([line(0.05 * (k - 11), k) for k in range(12)], "share no time but for 1"),
         ([line(0.05 * k, k).replace(" 0 0 ", " 0 0 0.9 ") for k in range(12)], "no unit quaternion"),
     ],
