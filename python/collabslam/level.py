@@ -49,22 +49,26 @@ class Level:
     def poses(self, poses: Array, covariances: Array) -> tuple[Array, Array]:
         """T_LC (N, 4, 4) of T_WC, and their covariances (N, 6, 6) then, on the right tangent."""
         moved = pose(self.r_lw, np.zeros(3)) @ poses
-        out = []
-        for t_lc, covariance in zip(moved, covariances, strict=True):
-            back = t_lc[:3, :3].T
-            by_level = np.concatenate([-back @ skew(t_lc[:3, 3]), back]) @ _SIDE
-            out.append(covariance + by_level @ self.covariance @ by_level.T)
+        out = [c + self.of_pose(t_lc) for t_lc, c in zip(moved, covariances, strict=True)]
         return moved, np.asarray(out).reshape(-1, 6, 6)
 
     def points(self, points: Array, covariances: Array) -> tuple[Array, Array]:
         """Points (N, 3) of W in the level world, and their covariances (N, 3, 3) there."""
         turn = self.r_lw
         moved = points @ turn.T
-        out = []
-        for point, covariance in zip(moved, covariances, strict=True):
-            by_level = -skew(point) @ _SIDE
-            out.append(turn @ covariance @ turn.T + by_level @ self.covariance @ by_level.T)
+        out = [turn @ c @ turn.T + self.of_point(p) for p, c in zip(moved, covariances, strict=True)]
         return moved, np.asarray(out).reshape(-1, 3, 3)
+
+    def of_pose(self, t_lc: Array) -> Array:
+        """(6, 6) what is not known of the level in a pose in the level world, right tangent."""
+        back = t_lc[:3, :3].T
+        by_level = np.concatenate([-back @ skew(t_lc[:3, 3]), back]) @ _SIDE
+        return np.asarray(by_level @ self.covariance @ by_level.T)
+
+    def of_point(self, point: Array) -> Array:
+        """(3, 3) the same of a point (3,) there."""
+        by_level = -skew(point) @ _SIDE
+        return np.asarray(by_level @ self.covariance @ by_level.T)
 
     def numbers(self) -> dict[str, Any]:
         """For ``summary.json``: up in W, roll and pitch of its camera, degrees, their standard deviation."""

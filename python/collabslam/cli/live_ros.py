@@ -15,6 +15,7 @@ from collabslam.errors import SettingsError
 from collabslam.settings.modes import MODES
 
 if TYPE_CHECKING:
+    from collabslam.level import Level
     from collabslam.live.gyro_topic import GyroTopic
     from collabslam.live.ros import MapFiles
     from collabslam.live.ros_frames import RosFrames
@@ -112,6 +113,12 @@ def _add_frames(parser: argparse.ArgumentParser) -> None:
         help="links that are sent: map -> odom -> base (all, default), map -> odom where the wheels' node "
         "sends odom -> base (map), or none",
     )
+    group.add_argument(
+        "--world",
+        metavar="level[:ROLL,PITCH]",
+        help="odom and map are level, as the accelerometer of --gyro tells which way is down (poses are sent "
+        "once it has), or roll and pitch of Cs at the start, degrees (looking down by 10 is 0,10)",
+    )
 
 
 def _deviations(text: str) -> tuple[float, float]:
@@ -159,6 +166,8 @@ def spin(node: Any, arguments: argparse.Namespace, settings: Settings, maps: Cal
         frames_of(arguments),
         arguments.latency,
         arguments.propagate,
+        arguments.world is not None,
+        told_level(arguments),
     )
     alone = "scale-free" if wheels is None else "odometry"
     mode, start = (arguments.mode, "worn") if worn else (arguments.mode or "mono", alone)
@@ -172,6 +181,19 @@ def spin(node: Any, arguments: argparse.Namespace, settings: Settings, maps: Cal
         rclpy.try_shutdown()
     live.close()
     return OK
+
+
+def told_level(arguments: argparse.Namespace) -> Level | None:
+    """Which way is down as --world tells it; raises SettingsError if neither that nor a sensor does."""
+    from collabslam.runs.level import parse_world
+
+    told = None if arguments.world is None else parse_world(arguments.world)
+    if arguments.world is not None and told is None and arguments.gyro is None:
+        raise SettingsError(
+            "--world level asks an accelerometer, and there is none; give the --gyro TOPIC of a sensor that "
+            "has one, or level:ROLL,PITCH."
+        )
+    return told
 
 
 def frames_of(arguments: argparse.Namespace) -> RosFrames:

@@ -19,6 +19,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import CollabslamError, InputError
+from collabslam.level import Level
 from collabslam.live import messages
 from collabslam.live.core import LivePose
 from collabslam.live.gyro_topic import GyroTopic, sample_of
@@ -63,6 +64,11 @@ class RosTopics:
         Seconds by which images of Cs are stamped after they were taken.
     propagate : float
         Poses a second between frames, by the gyroscope; 0 for none.
+    is_level : bool
+        Whether the world is to be level.  Poses are published once it is known which way is down, and it
+        stays as it was known first: the world never turns.
+    told : Level or None
+        Which way is down where Cs begins; None if the accelerometer is to tell it.
     """
 
     cs: str
@@ -74,6 +80,8 @@ class RosTopics:
     frames: RosFrames = field(default_factory=RosFrames)
     latency: float = 0.0
     propagate: float = 100.0
+    is_level: bool = False
+    told: Level | None = None
 
 
 @dataclass(frozen=True)
@@ -126,6 +134,7 @@ class RosNode:
         self._worn_cameras: dict[str, Camera] = {}
         self._live: LiveSlam | None = None
         self._propagator: Propagator | None = None
+        self._t_bc: Array | None = None
         self._refused = 0
         self._frame = self._info_frame = self._gyro_frame = ""
         self._tree = TransformTree()
@@ -177,7 +186,9 @@ class RosNode:
         base = self._topics.frames.t_bc(self._tree, None if self._wheels is None else t_bc)
         if base is None or (self._topics.gyro is not None and imu is None):
             return
-        self._out.base = Base(base)
+        self._t_bc = base
+        known = self._topics.told is not None or not self._topics.is_level
+        self._out.base = Base(base, self._topics.told) if known else None
         worn = {name: self._worn_cameras[name] for name in self._worn}
         slam = Slam(
             self._camera,
@@ -271,10 +282,14 @@ class RosNode:
         live, step = self._live, pose.step
         if live is None:
             return
-        facts = {f"dropped {k}": v for k, v in live.dropped.items()}
+        facts: dict[str, Any] = {f"dropped {k}": v for k, v in live.dropped.items()}
         facts |= {"refused": self._refused + sum(live.refused.values())}
         unposed = sum((Counter(worn.unposed) for worn in self._worn.values()), Counter())
         facts |= {f"no pose: {k}": v for k, v in unposed.items()}
+        if self._out.base is None and self._t_bc is not None and step.level is not None:
+            self._out.base = Base(self._t_bc, step.level)
+        if self._out.base is None:
+            facts |= {"waits for": "which way is down; no pose is published before"}
         self._out.frame(pose, live.slam, facts, self._worn)
         if self._propagator is not None:
             core, gyro = live.slam.filter, step.gyro

@@ -51,7 +51,7 @@ class RosOut:
         self, node: Any, out: str, frames: RosFrames, persons: Iterable[str], tree: TransformTree
     ) -> None:
         self.base: Base | None = None
-        """Set before the first frame."""
+        """Nothing but status is published without."""
         self.poses = 0
         self._frames, self._tree = frames, tree
         kinds = KINDS | {names.of_person(WORN_POSE, name): messages.POSE for name in persons}
@@ -76,26 +76,24 @@ class RosOut:
     ) -> None:
         """A frame is done; ``facts`` are further values for the robot's status, ``persons`` have one each."""
         step, base = pose.step, self.base
-        if base is None:
-            return
-        if step.valid:
+        if step.valid and base is not None:
             self._pose(pose, slam, base)
         if "status" in self._out and self._is_due("status", STATUS_EVERY):
             devices: dict[str, dict[str, float]] = {name: {} for name in persons if name}
             self._out["status"].publish(status_of(pose, facts, devices, view_plans_of(pose, slam)))
-        if step.started and self._is_due("map", MAP_EVERY):
-            found, moved = slam.landmarks(), base.pose(step.t_map_odom)
+        if step.started and base is not None and self._is_due("map", MAP_EVERY):
+            found, moved = slam.landmarks(), base.between(step.t_map_odom)
             points = base.points(found.points) @ moved[:3, :3].T + moved[:3, 3]
-            sd = messages.point_sd(found.covariance)
+            sd = messages.point_sd(base.spread(points, found.covariance))
             self._out["map"].publish(messages.cloud(step.t, points, sd, self._frames.map))
 
     def _pose(self, pose: LivePose, slam: Slam, base: Base) -> None:
         """Where the base is, how it moves, and where the worn cameras were."""
         step, frames = pose.step, self._frames
-        place, spread = base.pose(step.pose), base.covariance(step.covariance)
+        place, spread = base.placed(step.pose, step.covariance)
         core = slam.filter
         twist = base.tangent(core.twist), base.covariance(core.pose_and_twist_covariance[6:, 6:])
-        in_map, in_map_spread = base.pose(step.pose_map), base.covariance(step.covariance_map)
+        in_map, in_map_spread = base.placed(step.pose_map, step.covariance_map)
         self._out["pose"].publish(messages.pose(step.t, frames.world, place, spread))
         around = (frames.world, frames.base)
         self._out["odometry"].publish(messages.odometry(step.t, place, spread, twist, around))
@@ -106,9 +104,9 @@ class RosOut:
         for name, worn in step.worn.items():
             if worn.measured:
                 # Of F itself, whose axes stay optical: its tangent is what it was.
-                seen = base.t_bc @ worn.pose
+                seen, seen_spread = base.seen(worn.pose, worn.covariance)
                 out = self._out[names.of_person(WORN_POSE, name)]
-                out.publish(messages.pose(worn.t, frames.world, seen, worn.covariance))
+                out.publish(messages.pose(worn.t, frames.world, seen, seen_spread))
         self.poses += 1
 
     def _tf(self, t: float, place: Array, in_map: Array) -> None:
@@ -130,7 +128,7 @@ class RosOut:
         base, frames = self.base, self._frames
         if base is None:
             return
-        place, spread = base.pose(found.pose), base.covariance(found.covariance)
+        place, spread = base.placed(found.pose, found.covariance)
         twist = base.tangent(found.twist), base.covariance(found.twist_covariance)
         message = messages.odometry(found.t, place, spread, twist, (frames.world, frames.base))
         self._out["odometry_propagated"].publish(message)

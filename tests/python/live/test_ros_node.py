@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +16,23 @@ from helpers.clip import Clip
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
 from helpers.driven import T_BC, tf
-from helpers.gyro import of_clip
+from helpers.gyro import R_CI, of_clip
 from helpers.rosless import Node, stand_in
 from helpers.waiting import until
 
 from collabslam import SettingsError
-from collabslam.cli import ros_parameters
+from collabslam.cli import live_ros, ros_parameters
+from collabslam.datasets.imu.description import ImuFile
 from collabslam.datasets.odometry import mounted
 from collabslam.geometry import (
     fixed_to_tangent,
     pose_from_quaternion,
     pose_inverse,
+    rotation_log,
     se3_exp,
     tangent_to_fixed,
 )
+from collabslam.level import GRAVITY, Level
 from collabslam.live import messages
 from collabslam.live.gyro_topic import GyroTopic
 from collabslam.live.ros import MapFiles, RosNode, RosTopics
@@ -36,6 +40,7 @@ from collabslam.live.ros_frames import TF_MAP, Base, RosFrames
 from collabslam.live.ros_out import KINDS, WORN_POSE, RosOut
 from collabslam.live.ros_worn import WornTopics
 from collabslam.settings.table import Settings, schema
+from collabslam.slam import level_estimator
 from collabslam.slam.map.saved_map import SavedMap
 from collabslam.types import Array
 
@@ -251,6 +256,83 @@ def test_a_base_carries_errors_along() -> None:
         )
     np.testing.assert_allclose(np.cov(np.array(errors).T), found, atol=0.08 * np.abs(found).max())
     np.testing.assert_allclose(tangent_to_fixed(np.eye(4), found), found, atol=1e-18)
+
+
+def test_a_level_base_has_its_z_up_and_the_level_in_its_covariances() -> None:
+    up = np.array([0.1, -0.95, -0.3]) / np.linalg.norm([0.1, -0.95, -0.3])
+    level = Level(up, 0.02**2 * np.eye(2), "told")
+    t_wc, covariance = se3_exp([4.0, -1.0, 7.0, 0.3, 0.5, -0.2]), 1e-4 * np.eye(6)
+    for mount in ((0.0, 0.0, 0.0), MOUNT):
+        t_bc = mounted(mount)
+        base = Base(t_bc, level)
+        above = base.points(np.array([[0.0, 0.0, 0.0], 2.0 * up]))
+        np.testing.assert_allclose(above[1] - above[0], [0.0, 0.0, 2.0], atol=1e-12)
+        begin = base.pose(np.eye(4))
+        np.testing.assert_allclose(begin[:3, 3], 0.0, atol=1e-12)
+        assert begin[0, 0] > 0.9  # x stays ahead
+        assert begin[1, 0] == pytest.approx(0.0, abs=1e-12)
+        place, spread = base.placed(t_wc, covariance)
+        np.testing.assert_array_equal(place, base.pose(t_wc))
+        wrong, sizes = [], 0.02 * np.random.default_rng(3).standard_normal((4000, 2))
+        for x, y in sizes:
+            step = pose_inverse(place) @ se3_exp([0, 0, 0, x, y, 0]) @ place
+            wrong.append([*step[:3, 3], *rotation_log(step[:3, :3])])
+        expected = base.covariance(covariance) + np.cov(np.array(wrong).T)
+        np.testing.assert_allclose(spread, expected, atol=0.06 * np.abs(expected).max())
+        points = np.array([[5.0, 1.0, 0.0]])
+        added = base.spread(points, np.zeros((1, 3, 3)))[0]
+        np.testing.assert_allclose(added, 0.02**2 * np.diag([0, 0, 26.0]), atol=1e-12)
+        np.testing.assert_allclose(base.between(np.eye(4)), np.eye(4), atol=1e-12)
+
+
+@pytest.mark.slow
+def test_odom_is_level_once_an_accelerometer_has_told_it(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(level_estimator, "LEAST_WAY", 0.3)
+    log = of_clip(clip)
+    node, running = node_of(
+        clip, gyro=GyroTopic("/imu", ImuFile(r_ci=R_CI)), frames=RosFrames(mount=MOUNT), is_level=True
+    )
+    node.takes["/imu"](messages.rate(0.5, log.rates[0]))
+    sent = np.searchsorted(log.times, -0.1)
+    noise = np.random.default_rng(5)
+    frames = clip.frames[:14]
+    for k, frame in enumerate(frames):
+        while log.times[sent] <= frame.t + 0.02:
+            t = float(log.times[sent])
+            force = R_CI.T @ clip.recording.robot(t)[:3, :3].T @ [0.0, 0.0, GRAVITY]
+            force += 0.02 * noise.standard_normal(3)
+            node.takes["/imu"](messages.rate(t + 1.0, log.rates[sent], force))
+            sent += 1
+        play(clip, node, k, k + 1)
+    running.close()
+    found = [messages.decoded(messages.POSE, data) for data in node.sent["/collabslam/pose"]]
+    assert 0 < len(found) < len(frames) - 5
+    status = messages.decoded(messages.STATUS, node.sent["/diagnostics"][0]).status[0]
+    assert "waits for" in {value.key for value in status.values}
+    true = T_BC[:3, :3] @ clip.recording.robot(messages.stamp_of(found[-1]) - 1.0)[:3, :3].T @ [0, 0, 1]
+    up = pose_of(found[-1].pose.pose)[2, :3]
+    assert np.rad2deg(np.arccos(up @ true)) < 5.0
+    assert found[-1].pose.covariance[3 * 6 + 3] > np.deg2rad(0.5) ** 2
+
+
+def test_a_level_that_is_told_or_asked_for(clip: Clip) -> None:
+    parser, words = ArgumentParser(), ["--cs", "/cs", "--cs-info", "/info"]
+    live_ros.configure(parser)
+    assert live_ros.told_level(parser.parse_args(words)) is None
+    with pytest.raises(SettingsError, match="asks an accelerometer"):
+        live_ros.told_level(parser.parse_args([*words, "--world", "level"]))
+    with pytest.raises(SettingsError, match="is not known"):
+        live_ros.told_level(parser.parse_args([*words, "--world", "flat"]))
+    assert live_ros.told_level(parser.parse_args([*words, "--world", "level", "--gyro", "/imu"])) is None
+    told = live_ros.told_level(parser.parse_args([*words, "--world", "level:0,5"]))
+    _, running = node_of(clip, is_level=True, told=told)
+    assert running._out.base is not None
+    ahead = running._out.base.pose(np.eye(4))[:3, 0]
+    np.testing.assert_allclose(ahead, [np.cos(np.deg2rad(5.0)), 0.0, -np.sin(np.deg2rad(5.0))], atol=1e-9)
+    running.close()
+    _, waits = node_of(clip, is_level=True)
+    assert waits._out.base is None
+    waits.close()
 
 
 def test_the_parameters_are_the_options_and_the_settings() -> None:
