@@ -97,7 +97,7 @@ def _add_frames(parser: argparse.ArgumentParser) -> None:
         type=options.mount,
         help="where Cs sits on the robot's base (x ahead, y left, z up): metres, and degrees of roll, pitch "
         "and yaw of a camera that looks along x; or two frames that fixed links of tf join (default: as "
-        "--odometry-camera, else 0,0,0)",
+        "--odometry-camera, whose default it is in turn; else 0,0,0)",
     )
     for name, default in (("map", "map"), ("odom", "odom"), ("base", "base_link")):
         group.add_argument(
@@ -155,6 +155,7 @@ def spin(node: Any, arguments: argparse.Namespace, settings: Settings, maps: Cal
     from collabslam.live.ros_types import rclpy_of
 
     rclpy = rclpy_of()
+    arguments = with_mounts(arguments)
     worn, wheels, gyro = worn_topics(arguments), wheels_of(arguments), gyro_topic(arguments)
     topics = RosTopics(
         arguments.cs,
@@ -194,6 +195,14 @@ def told_level(arguments: argparse.Namespace) -> Level | None:
             "has one, or level:ROLL,PITCH."
         )
     return told
+
+
+def with_mounts(arguments: argparse.Namespace) -> argparse.Namespace:
+    """The arguments, in which the wheels' frame is the base where nothing else is said of it."""
+    wheels = arguments.odometry or arguments.twist
+    if wheels and arguments.odometry_camera is None:
+        return argparse.Namespace(**{**vars(arguments), "odometry_camera": arguments.base})
+    return arguments
 
 
 def frames_of(arguments: argparse.Namespace) -> RosFrames:

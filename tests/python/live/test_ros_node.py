@@ -343,6 +343,10 @@ def test_the_parameters_are_the_options_and_the_settings() -> None:
     )
     assert (given.cs, given.cf, given.base, given.tf) == ("/a", [("anna", "/c")], (-0.1, 0.0, 0.5), "map")
     assert (given.propagate, given.map) == (50.0, None)
+    mounted_on = {"cs": "/a", "cs_info": "/b", "twist": "/w", "base": "0.2,0,0.9"}
+    assert live_ros.with_mounts(ros_parameters.arguments_of(mounted_on)).odometry_camera == (0.2, 0.0, 0.9)
+    apart = live_ros.with_mounts(ros_parameters.arguments_of(mounted_on | {"odometry_camera": "1,0,0"}))
+    assert (apart.odometry_camera, apart.base) == ((1.0, 0.0, 0.0), (0.2, 0.0, 0.9))
     key = "filter.process.acceleration_density"
     value = 2.0 * float(schema()[key].default)
     assert ros_parameters.settings_of({key: value, "cs": "/a"}).filter.process.acceleration_density == value
