@@ -10,10 +10,12 @@ import numpy as np
 
 from collabslam._core import Prediction, pose_inverse, rotation_log
 from collabslam.level import Level
-from collabslam.types import Array, Brief, Ids, Status
+from collabslam.types import Array, Brief, Ids, Mask, Status
 
 FEATURE_STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
 """Used by the filter; found but refused; patch not found; found twice; outside the image; not looked for."""
+CELL = 8
+"""Pixels along a side of the squares of `FrameFeatures.left_out`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,6 +38,9 @@ class FrameFeatures(Brief):
         after the other.
     pair_names : list of str
         Whose worn camera each pair is of.
+    left_out : (h, w) bool or None
+        Which squares of `CELL` pixels of Cs were left alone, from the upper left one on: masked, or of who
+        wears a Cf, or fixed to the camera; None if none.
     """
 
     ids: Ids = field(default_factory=lambda: np.empty(0, np.int64))
@@ -45,6 +50,7 @@ class FrameFeatures(Brief):
     states: list[str] = field(default_factory=list)
     pairs: Array = field(default_factory=lambda: np.empty((0, 4)))
     pair_names: list[str] = field(default_factory=list)
+    left_out: Mask | None = None
 
     @classmethod
     def unsearched(cls, expected: Prediction) -> FrameFeatures:

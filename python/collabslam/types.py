@@ -84,6 +84,9 @@ class WornView(Brief):
         ``worn.late`` before the one that it comes with (METHOD section 21); None if at the frame's instant.
     who : str
         Which worn camera it is of, where there are several.
+    body : bool
+        Whether somebody wears it, whose body Cs may see below it: not so of one that is emulated, or that is
+        bound to Cs.
     """
 
     image: Image
@@ -92,6 +95,7 @@ class WornView(Brief):
     bias: Array | None = None
     t: float | None = None
     who: str = ""
+    body: bool = True
 
 
 @dataclass(frozen=True, repr=False)

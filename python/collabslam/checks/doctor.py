@@ -25,6 +25,8 @@ FEW_MEASURED = 0.1
 """Share of a person's views that are measured at least, unless something is wrong."""
 GYRO_GAPS = 0.1
 """Share of the frames without a gyroscope that has one which is worth a word."""
+SPANS = 3
+"""Stretches of frames that are named."""
 ONLY_TURNED = 150.0, 30.0
 """Degrees that a camera turns while it goes as far as what it sees is away, from which on it only turns, and
 in all."""
@@ -49,7 +51,8 @@ def diagnose(run: RunFolder) -> list[str]:
         *_consistency(frames),
     ]
     found += [*_clock(frames), *_worn(frames), *_persons(summary), *_scale(frames, summary)]
-    return [*(found or ["Nothing is wrong with this run as far as its diagnostics show."]), *gyro]
+    found = found or ["Nothing is wrong with this run as far as its diagnostics show."]
+    return [*found, *gyro, *_left_out(frames)]
 
 
 class Frames:
@@ -184,6 +187,34 @@ def _tracking(frames: Frames) -> Iterator[str]:
             f"{100 * refused / searched:.0f} % of the features searched are found where the filter does not "
             "allow: things move, the calibration is off, or filter.pixel.sigma_cs is too small."
         )
+
+
+def _left_out(frames: Frames) -> Iterator[str]:
+    """What of the images was left out, and when: nothing wrong, but it may be more than is meant."""
+    share, unseen = np.nan_to_num(frames["left_out_pct"]), np.nan_to_num(frames["wearers_unseen"])
+    if share.any():
+        some, wearers = share > 0.0, np.nan_to_num(frames["wearers"]) > 0.0
+        seen = f", {_spans(frames, wearers)}" if wearers.any() else ""
+        yield (
+            f"{share[some].mean():.0f} % of the image was left out in the mean of {some.sum()} frames "
+            f"({_spans(frames, some)}), at most {share.max():.0f} %: masked, fixed to the camera, or who "
+            f"wears Cf (in view in {wearers.sum()} frames{seen})."
+        )
+    if unseen.any():
+        there = unseen > 0.0
+        yield (
+            f"In {there.sum()} frames ({_spans(frames, there)}) the scene shows where whoever wears Cf "
+            "should be: nobody is there (frontend.worn.body_radius=0), or T_CF is off."
+        )
+
+
+def _spans(frames: Frames, which: Mask) -> str:
+    """From when to when frames are, of the longest stretches first, seconds from the first frame."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]).astype(np.int8)))
+    spans = sorted(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True), key=lambda s: s[0] - s[1])
+    t = frames["t"] - frames["t"][0]
+    told = [f"{t[a]:.1f} to {t[b - 1]:.1f} s" for a, b in sorted(spans[:SPANS])]
+    return ", ".join(told) + (f" and {len(spans) - SPANS} shorter" if len(spans) > SPANS else "")
 
 
 def _consistency(frames: Frames) -> Iterator[str]:

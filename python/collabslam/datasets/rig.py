@@ -35,7 +35,7 @@ class RigRecording(WrappedRecording):
             return frame
         covariance = RIG_NOISE.covariance
         image = read_grey(self._rig.paths[i], self._rig.camera)
-        return replace(frame, views=(WornView(image, self._rig.t_cf, covariance, covariance),))
+        return replace(frame, views=(WornView(image, self._rig.t_cf, covariance, covariance, body=False),))
 
 
 def with_rig(recording: Recording) -> Recording:

@@ -124,9 +124,17 @@ class Corners:
 
     @cached_property
     def _peaks(self) -> Array:
-        distance = _distance(self._image, self._settings)
-        peaks = corner_peaks(self._image, self._settings, distance, max(1, self._border), self._halve)
+        peaks = self._all
         return peaks if self._hidden is None else peaks[~self._hidden(peaks)]
+
+    @cached_property
+    def _all(self) -> Array:
+        distance = _distance(self._image, self._settings)
+        return corner_peaks(self._image, self._settings, distance, max(1, self._border), self._halve)
+
+    def strongest(self, where: Hidden, count: int) -> Array:
+        """At most so many of the strongest corners where ``where`` says, hidden or not: (M, 2) float64."""
+        return self._all[where(self._all)][:count]
 
     def pick(self, existing: Array, count: int) -> Array:
         """As :func:`detect_corners` of the image: (M, 2) float64."""

@@ -156,13 +156,21 @@ class WornSettings:
         8, 1, 100, "", "Fewest matches that must agree on a pose; with fewer all are dropped."
     )
     body_radius: float = _number(
-        0.0,
+        0.3,
         0,
         2,
         "metre",
         "Radius of the body of the person who wears Cf. Where Cs sees it, nothing is searched and nothing is "
         "born. 0 if nobody wears it.",
-        "Set it to 0.3 where the person who wears Cf walks in view of Cs.",
+        "Set it to 0 where Cf hangs on a wall or is on another robot, raise it for a rucksack.",
+    )
+    body_height: float = _number(
+        2.0,
+        0.3,
+        3,
+        "metre",
+        "Height of that body, whose top is 0.2 m above Cf.",
+        "Lower it for a child, raise it for a hat.",
     )
     next_best_view: bool = _flag(
         False,

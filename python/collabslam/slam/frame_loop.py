@@ -15,6 +15,7 @@ from collabslam._core import UpdateReport
 from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
 from collabslam.frontend.flow import FlowImage
 from collabslam.frontend.patch import SIZE
+from collabslam.frontend.wearer_mask import Outline
 from collabslam.results import FrameFeatures, StepResult, WornPose
 from collabslam.slam.consistency_monitor import GYRO, NOTHING
 from collabslam.slam.frame_outcome import FrameOutcome
@@ -26,7 +27,6 @@ from collabslam.slam.tracking.depth_input import Depths
 from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.late_views import Views
-from collabslam.slam.worn.overlap import Overlap
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.slam.worn.tags import overlaps
 from collabslam.slam.worn.view_planning import counts as view_counts
@@ -77,6 +77,7 @@ class FrameLoop:
         times.done("search")
         missing = 0 if view.lost else parts.map.missing(found)
         overlap = self._overlap(view, found, missing)
+        parts.seen_through.ask_map(view, found)
         times.done("cf")
         depths = parts.depth.take(view, found, overlap.ids, missing)
         report = self._update(found, overlap, depths)
@@ -110,7 +111,8 @@ class FrameLoop:
         )
         parts.late.keep(view, found, outcome.seen, change)
         residual = {"target_residual_px": parts.start.residual(image, core.pose)}
-        counts = {**outcome.counts(), **parts.printed.counts(), **residual}
+        others = {**parts.printed.counts(), **parts.wearers.counts(view.wearers)}
+        counts = {**outcome.counts(), **others, **residual}
         status, judged = parts.verdict.of(outcome)
         times.done("map")
         features = outcome.features
@@ -121,13 +123,22 @@ class FrameLoop:
         """The frame as the parts see it: what is hidden, where corners are, how the camera stood before."""
         started, lost = self._filter.started, self._parts.monitor.lost
         worn = self._parts.late.place(t, views, lost=lost)
-        hidden = self._hidden(worn)
-        corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
-        return View(t, image, worn, hidden, corners, started, lost)
+        level = self._parts.level.level()
+        up = None if level is None else level.up
+        wearers = self._parts.wearers.look(t, worn, lost=lost, up=up)
 
-    def _hidden(self, worn: tuple[Overlap, ...]) -> Hidden | None:
+        def seen() -> View:
+            hidden = self._hidden(wearers)
+            corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
+            return View(t, image, worn, hidden, corners, started, lost, wearers)
+
+        view, nobody = seen(), self._parts.wearers.nobody
+        self._parts.seen_through.ask_worn(view)
+        return view if self._parts.wearers.nobody == nobody else seen()
+
+    def _hidden(self, wearers: Mapping[str, Outline]) -> Hidden | None:
         """Which pixels of Cs show no landmark: masked, of who wears a Cf, or fixed to the camera."""
-        hiding = [self._parts.mask, *(self._parts.worn.hidden(overlap.worn) for overlap in worn)]
+        hiding = [self._parts.mask, *self._parts.wearers.hidden(wearers)]
         if self._parts.fixed.is_there:
             hiding.append(self._parts.fixed.hides)
         return hidden_by_any(hiding)

@@ -100,6 +100,7 @@ class FrameOutcome:
             [states.get(i, "not searched") for i in ids.tolist()],
             self.overlap.pixels,
             self.overlap.names,
+            self.view.left_out,
         )
 
     def counts(self) -> dict[str, Any]:
@@ -112,6 +113,7 @@ class FrameOutcome:
             "accepted": self.inliers,
             "slipped": int(self.slipped),
             "turned": int(self.turned),
+            "left_out_pct": 0.0 if self.view.left_out is None else 100.0 * float(self.view.left_out.mean()),
         }
 
     def _search_counts(self) -> dict[str, Any]:

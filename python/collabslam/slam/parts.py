@@ -30,7 +30,9 @@ from collabslam.slam.tracking.tracks import Tracks
 from collabslam.slam.verdict import Verdict
 from collabslam.slam.worn.late_views import LateViews
 from collabslam.slam.worn.matcher import WornMatcher
+from collabslam.slam.worn.seen_through import SeenThrough
 from collabslam.slam.worn.view_planning import ViewPlanner
+from collabslam.slam.worn.wearers import Wearers
 from collabslam.types import Masks, Target, person_name
 
 
@@ -103,8 +105,10 @@ class Parts:
         self.search = FrameSearch(core, self.tracks, self.printed, self.monitor, self.gyro, options.search)
         self.fixed = FixedContent(camera)
         self.depth = DepthInput()
-        self.worn = WornMatcher(core, camera, worn_cameras, settings, masks)
-        self.late = LateViews(core, camera, self.worn, self.tracks, settings, self.mask)
+        self.wearers = Wearers(core, camera, worn_cameras, options.worn)
+        self.worn = WornMatcher(core, camera, worn_cameras, settings, masks, self.wearers)
+        self.late = LateViews(core, camera, self.worn, self.tracks, settings, self.wearers, self.mask)
+        self.seen_through = SeenThrough(core, camera, self.tracks, self.worn, self.wearers, settings)
         self.view_planner = ViewPlanner(core, self.monitor, options.worn.min_matches)
         self.map = MapManager(core, settings, self.printed, self.start)
         self.size = MapSize()

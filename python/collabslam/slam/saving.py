@@ -21,12 +21,13 @@ from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.submaps.chain import Submap
 from collabslam.slam.submaps.loop_search import Wanted
 from collabslam.slam.worn.late_views import KeptFrame
+from collabslam.slam.worn.wearers import Heard
 from collabslam.types import Masks, Target, WornView
 
 KIND, VERSION = "engine state", 18
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
 _MASK = array("|b1", None, None)
-CLASSES = (KeptFrame, Loop, InactiveMap, Patch, Submap, Target, Wanted, WornView)
+CLASSES = (Heard, KeptFrame, Loop, InactiveMap, Patch, Submap, Target, Wanted, WornView)
 """Dataclasses that are in it."""
 STATE = fields(
     camera=check_camera,

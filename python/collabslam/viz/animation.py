@@ -15,7 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from collabslam.formats.files import write_bytes
-from collabslam.types import Array, Image, Recording
+from collabslam.results import CELL
+from collabslam.types import Array, Image, Mask, Recording
 from collabslam.viz.plot import COLOURS, TRUTH, WORN, position_errors
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ STRIDE = 8
 """Every so many frames is drawn."""
 SECONDS = 0.2
 """Time that each picture is shown."""
+_SHADE = 0.4
+"""Brightness that is kept of what is left out."""
 _GREYS = 48
 """Shades that the cameras' pictures keep."""
 _FOUND = "#3cc85a"
@@ -108,11 +111,24 @@ class _Scene:
         if features is not None:
             used = np.array([state == "accepted" for state in features.states], dtype=np.bool_)
             self._dots.set_data(features.found[used, 0], features.found[used, 1])
+            self._cs.set_data(shaded(frame.image, features.left_out))
         for line, curve in self._lines:
             line.set_data(curve[: k + 1, 0], curve[: k + 1, 1])
         self._canvas.draw()  # type: ignore[no-untyped-call]
         rgba: Image = np.asarray(self._canvas.buffer_rgba(), dtype=np.uint8)  # type: ignore[no-untyped-call]
         return np.ascontiguousarray(rgba[..., :3], dtype=np.uint8)
+
+
+def shaded(image: Image, left_out: Mask | None) -> Image:
+    """An image, darker where it was left out."""
+    if left_out is None:
+        return image
+    height, width = image.shape
+    squares = np.kron(left_out, np.ones((CELL, CELL), np.bool_))[:height, :width]
+    out: Image = image.copy()
+    part = out[: squares.shape[0], : squares.shape[1]]
+    part[squares] = (_SHADE * part[squares]).astype(np.uint8)
+    return out
 
 
 def _curve(result: RunResult) -> Array:

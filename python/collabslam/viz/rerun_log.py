@@ -20,7 +20,7 @@ from collabslam._core import Camera
 from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.formats.files import try_place
-from collabslam.results import FrameFeatures
+from collabslam.results import CELL, FrameFeatures
 from collabslam.types import Array, Frame, Recording, WornView, worn_cameras
 from collabslam.viz.rerun_layout import LOGGED, blueprint, curve, picture_of
 
@@ -136,6 +136,7 @@ class RerunLog:
         self._picture(frame.image)
         features: FrameFeatures = step.features
         self._features(features)
+        self._left_out(features, frame.image.shape)
         if not step.started:
             return
         pose = step.pose
@@ -196,6 +197,14 @@ class RerunLog:
             show_labels=False,
         )
         self._put("world/cs/image/features", points)
+
+    def _left_out(self, features: FrameFeatures, shape: tuple[int, ...]) -> None:
+        where = "world/cs/image/left_out"
+        if features.left_out is None:
+            self._clear(where)
+            return
+        squares = np.kron(features.left_out, np.ones((CELL, CELL), np.uint8))[: shape[0], : shape[1]]
+        self._put(where, self._rr.SegmentationImage(squares, opacity=0.4))
 
     def _path(self, index: int, step: Any) -> None:
         rr = self._rr

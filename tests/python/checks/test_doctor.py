@@ -61,6 +61,8 @@ WORN = {"worn": 1, "overlap": 1, "cf_points": 100, "cf_matches": 30}
         (many(degraded_by="cf_matches"), {}, "30 frames are not to be trusted: points of the map"),
         (many(predicted=9), {}, "The map is thin: 9 features"),
         (many(candidates_fixed=2), {}, "60 points turn with the camera"),
+        (many(left_out_pct=20, wearers=1), {}, "20 % of the image was left out in the mean of 30 frames"),
+        (many(10) + many(5, wearers_unseen=1), {}, "In 5 frames (1.0 to 1.4 s) the scene shows where"),
         (many(rejected_low_score=20), {}, "50 % of the features searched look different"),
         (many(rejected_ambiguous=16), {}, "40 % of the features searched are ambiguous"),
         (many(rejected_hohct=8), {}, "20 % of the features searched are found where"),

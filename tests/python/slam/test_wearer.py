@@ -11,15 +11,15 @@ import pytest
 from helpers.clip import Clip
 
 from collabslam import Camera
-from collabslam.frontend.wearer_mask import covered
+from collabslam.frontend.wearer_mask import Outline
 from collabslam.geometry import rotation_exp
 from collabslam.results import StepResult
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.types import Array
+from collabslam.types import Array, Mask
 from collabslam_lab.switches import with_switches
 
-RADIUS = 0.3
+RADIUS, HEIGHT = 0.3, 2.0
 
 
 def _upright_at(right: float, down: float, ahead: float, yaw: float = 0.0) -> Array:
@@ -27,6 +27,10 @@ def _upright_at(right: float, down: float, ahead: float, yaw: float = 0.0) -> Ar
     pose[:3, :3] = rotation_exp([0.0, yaw, 0.0])
     pose[:3, 3] = right, down, ahead
     return pose
+
+
+def covered(camera: Camera, uv: Array, t_cf: Array, radius: float) -> Mask:
+    return Outline(t_cf[:3, 3], t_cf[:3, 1], radius, HEIGHT).hides(camera, uv)
 
 
 @pytest.fixture(scope="module")

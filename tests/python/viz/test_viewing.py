@@ -18,7 +18,7 @@ from PIL import Image as Pictures
 from collabslam import DataError, Slam
 from collabslam.results import FEATURE_STATES
 from collabslam.runs import runner
-from collabslam.viz.animation import animate
+from collabslam.viz.animation import animate, shaded
 from collabslam.viz.rerun_log import COLOURS, SURE, UNSURE, RerunLog, by_sd
 
 RERUN = str(Path(sys.executable).parent / "rerun")
@@ -130,3 +130,22 @@ def test_the_animation_moves(clip: Clip, tmp_path: Path) -> None:
             SimpleNamespace(**{**vars(s), "features": None}) for s in result.record.steps
         ]
     animate(recording, results, tmp_path / "plain.gif")  # an engine of one's own need not tell its features
+
+
+def test_what_is_left_out_is_darker() -> None:
+    image, left_out = np.full((20, 30), 100, np.uint8), np.zeros((2, 4), np.bool_)
+    left_out[1, 3] = True
+    drawn = shaded(image, left_out)
+    assert (drawn[8:16, 24:30] < 50).all()
+    assert (drawn < 50).sum() == 8 * 6
+    assert shaded(image, None) is image
+
+
+def test_rerun_shows_what_is_left_out(clip: Clip, tmp_path: Path) -> None:
+    mask = np.ones((480, 720), np.bool_)
+    mask[:, :200] = False
+    recording, path = clip.recording, tmp_path / "walk.rrd"
+    slam = Slam(recording.camera, recording.worn_camera, mask=mask)
+    with RerunLog(recording, view=False, save=path) as log:
+        log.frame(clip.frames[0], slam.step(clip.frames[0].t, clip.frames[0].image), slam)
+    assert b"left_out" in path.read_bytes()

@@ -108,7 +108,7 @@ class WornRecording(WrappedRecording):
         if block is not None and i in self._samples:
             sample = self._samples[i]
             t_cf = self._noise.measured(sample.t_cf, i, block)
-            views = (WornView(sample.read(), t_cf, self._noise.noise.covariance),)
+            views = (WornView(sample.read(), t_cf, self._noise.noise.covariance, body=False),)
         return replace(self._base.frame(i), views=views)
 
 

@@ -40,6 +40,7 @@ from collabslam.slam.tracking.tracks import TrackingResult, Tracks
 from collabslam.slam.view import View
 from collabslam.slam.worn.matcher import WornMatcher
 from collabslam.slam.worn.overlap import Overlap
+from collabslam.slam.worn.wearers import Wearers
 from collabslam.types import Array, Ids, Image, WornView
 
 MOST_PENDING = 32
@@ -95,6 +96,7 @@ _VIEW = instance(
     bias=optional(covariance(6)),
     t=_TIME,
     who=text(),
+    body=flag,
 )
 
 
@@ -127,6 +129,8 @@ class LateViews(PersistentState):
     worn : WornMatcher
     tracks : Tracks
     settings : Settings
+    wearers : Wearers
+        Who is in view.
     mask : callable, optional
         Which pixels of Cs are never scene.
     """
@@ -147,8 +151,10 @@ class LateViews(PersistentState):
         worn: WornMatcher,
         tracks: Tracks,
         settings: Settings,
+        wearers: Wearers,
         mask: Hidden | None = None,
     ) -> None:
+        self._wearers = wearers
         self._mask = mask
         self._filter, self._camera, self._worn, self._tracks = core, camera, worn, tracks
         self._detect = settings.frontend.detect
@@ -242,7 +248,9 @@ class LateViews(PersistentState):
         if nearest is None or abs(view.t - taken) <= abs(nearest.t - taken):
             return view, overlap, found
         worn = self._carried(overlap.given, nearest.t)
-        hidden = hidden_by_any([self._mask, self._worn.hidden(worn)])
+        outline = self._wearers.of(worn)
+        seen = {} if outline is None or not outline.is_possible else {worn.who: outline}
+        hidden = hidden_by_any([self._mask, *self._wearers.hidden(seen)])
         corners = Corners(nearest.image, self._detect, SIZE, hidden=hidden)
         earlier = replace(view, t=nearest.t, image=nearest.image, corners=corners)
         ids, alive = nearest.ids, np.isin(nearest.candidates, self._filter.candidates)

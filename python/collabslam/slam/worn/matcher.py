@@ -8,18 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from collabslam._core import LAST_TIME, Camera, Filter
+from collabslam._core import LAST_TIME, Camera, Filter, OverlapPrediction
 from collabslam.errors import InputError
-from collabslam.frontend.detect import Hidden
+from collabslam.frontend.detect import hidden_by_any
 from collabslam.frontend.mask import StaticMask
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
-from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.images import check_grey
 from collabslam.settings.table import Settings
 from collabslam.slam.tracking.tracks import TrackingResult
 from collabslam.slam.view import View
 from collabslam.slam.worn.overlap import Overlap
+from collabslam.slam.worn.wearers import Wearers
 from collabslam.types import Array, Ids, Masks, WornView
 
 NEW_POINTS = 120
@@ -57,6 +57,8 @@ class WornMatcher:
     settings : Settings
     masks : Masks
         Of those worn cameras that have one.
+    wearers : Wearers
+        Who is in view.
     """
 
     def __init__(
@@ -66,7 +68,9 @@ class WornMatcher:
         worn_cameras: Mapping[str, Camera],
         settings: Settings,
         masks: Masks,
+        wearers: Wearers,
     ) -> None:
+        self._wearers = wearers
         self._masks = {name: StaticMask(mask).hides for name, mask in masks.worn.items()}
         self._filter = core
         self._camera = camera
@@ -133,13 +137,6 @@ class WornMatcher:
             )
         return covariance + FLOOR**2 * np.eye(6)
 
-    def hidden(self, worn: WornView | None) -> Hidden | None:
-        """Which pixels of Cs show whoever wears Cf; None where that is nobody, or nobody knows."""
-        radius = self._settings.frontend.worn.body_radius
-        if worn is None or radius == 0.0:
-            return None
-        return lambda uv: covered(self._camera, uv, worn.t_cf, radius)
-
     def match(
         self,
         view: View,
@@ -166,17 +163,7 @@ class WornMatcher:
         fresh = view.corners.pick(taken, tries)
         uv = np.concatenate([known_uv, found.candidate_uv, fresh])
         unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
-        views = TwoViews(
-            view.image,
-            self._camera,
-            worn.image,
-            self._worn_cameras[worn.who],
-            worn.t_cf,
-            worn.covariance,
-            regions.roi_s,
-            regions.roi_f,
-            self._masks.get(worn.who),
-        )
+        views = self._two_views(view, worn, regions)
         points = ViewedPoints(
             uv,
             np.concatenate([found.rho[known], unknown]),
@@ -214,6 +201,26 @@ class WornMatcher:
             against=against,
             size=matches.size,
             baseline=regions.baseline,
+        )
+
+    def two_views(self, view: View, overlap: Overlap) -> TwoViews | None:
+        """A frame beside a worn camera's view, to be matched; None where they cannot see the same."""
+        worn = overlap.worn
+        regions = self._filter.predict_overlap(worn.t_cf, worn.covariance, who=overlap.number)
+        return None if regions is None else self._two_views(view, worn, regions)
+
+    def _two_views(self, view: View, worn: WornView, regions: OverlapPrediction) -> TwoViews:
+        hiding = [self._masks.get(worn.who), *self._wearers.hidden_from(worn.who, worn.t_cf, view.wearers)]
+        return TwoViews(
+            view.image,
+            self._camera,
+            worn.image,
+            self._worn_cameras[worn.who],
+            worn.t_cf,
+            worn.covariance,
+            regions.roi_s,
+            regions.roi_f,
+            hidden_by_any(hiding),
         )
 
     def _contradicts(self, known: int, tried: int, matches: WornMatches) -> bool:
