@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add_link(parser)
     add_wheels(parser)
-    options.add_gyro(parser.add_argument_group("gyroscope of a recording"))
+    options.add_gyro(parser.add_argument_group("gyroscope of a recording, or a topic beside ros:TOPIC"))
     parser.add_argument("--mode", choices=MODES, help="default: the setting's")
     parser.add_argument(
         "--start",

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from collabslam.datasets.calibration import check_resolution, load_unmasked
-from collabslam.datasets.imu.beside import GyroGiven
+from collabslam.datasets.imu.beside import NONE, GyroGiven
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.ros.bag import Bag
 from collabslam.datasets.ros.sensors import WornSensors, bag_sensors
@@ -19,6 +19,7 @@ from collabslam.datasets.wrapped import OnlyPersons
 from collabslam.errors import DataError, SettingsError
 from collabslam.live.core import GyroSample
 from collabslam.live.frame_source import CapturedImage, LiveCamera
+from collabslam.live.gyro_topic import GyroTopic
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.playback import SensorPlayback
 from collabslam.live.sensed import SensorTaker
@@ -221,7 +222,7 @@ def open_camera(
     wheels : WheelTopic, optional
         Odometry to go with the images of a topic, or a topic of a bag.
     gyro : GyroGiven, optional
-        A gyroscope to go with a recording, in place of its own.
+        A gyroscope to go with a recording, in place of its own, or a topic to go with that of the images.
 
     Raises
     ------
@@ -231,15 +232,16 @@ def open_camera(
         If the calibration is missing, or there are no topics for ``wheels`` or ``gyro``.
     """
     path = Path(source)
-    if gyro is not None and not path.exists():
-        raise SettingsError(
-            f"The camera {source} is not a recording that --gyro and --imu could go with; leave them out, or "
-            "take 'collabslam live ros --gyro TOPIC'."
-        )
     if source.startswith(ROS_TOPIC):
         from collabslam.live.ros_camera import RosCamera  # rclpy is there with ROS alone
 
-        return RosCamera(source.removeprefix(ROS_TOPIC), calibration, wheels)
+        topic = _gyro_topic(gyro)
+        return RosCamera(source.removeprefix(ROS_TOPIC), calibration, wheels, topic)
+    if gyro is not None and not path.exists():
+        raise SettingsError(
+            f"The camera {source} has no gyroscope that --gyro and --imu could tell of; leave them out, or "
+            "name a recording, or a topic as ros:TOPIC."
+        )
     if source.isdigit() or source.startswith("/dev/video") or "://" in source:
         if calibration is None:
             raise SettingsError(f"The camera {source} carries no calibration; give it with --camera FILE.")
@@ -251,3 +253,12 @@ def open_camera(
     odometry = None if wheels is None else wheels.given
     given = Given(calibration, topics=topics or {}, odometry=odometry, gyro=gyro)
     return RecordingPlayback(Source(path, given).open(), path)
+
+
+def _gyro_topic(given: GyroGiven | None) -> GyroTopic | None:
+    """The topic of a gyroscope; raises SettingsError if one is described and not named."""
+    if given is None or given.source == NONE:
+        return None
+    if given.source is None:
+        raise SettingsError("--imu tells of the gyroscope of --gyro TOPIC; give that.")
+    return GyroTopic.of(given.source, given.imu)

@@ -16,6 +16,7 @@ from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
 from collabslam.live.core import GyroSample
 from collabslam.live.frame_source import CapturedImage
+from collabslam.live.gyro_topic import GyroTopic, sample_of
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
 from collabslam.live.sensed import SensorTaker, sensor_topics
@@ -48,14 +49,22 @@ class RosCamera:
         Without it the calibration is that of the topic ``camera_info`` beside it.
     wheels : WheelTopic, optional
         Odometry.
+    gyro : GyroTopic, optional
+        A gyroscope.
 
     Raises
     ------
     DataError
-        If ROS 2 is not there, or nobody tells the calibration.
+        If ROS 2 is not there, or nobody tells the calibration, or how the wheels and the gyroscope sit.
     """
 
-    def __init__(self, topic: str, calibration: Path | None, wheels: WheelTopic | None = None) -> None:
+    def __init__(
+        self,
+        topic: str,
+        calibration: Path | None,
+        wheels: WheelTopic | None = None,
+        gyro: GyroTopic | None = None,
+    ) -> None:
         self.name, self.clock = "camera", SystemClock()
         self._topic = topic
         self._images: deque[tuple[float, Image]] = deque(maxlen=WAITING)
@@ -74,7 +83,12 @@ class RosCamera:
             subscribe(self._node, info, messages.CAMERA_INFO, self._info, self._refuse),
         ]
         self._wheels, self._fixed = wheels, TransformTree()
-        if wheels is not None and wheels.given.frames is not None:
+        self._frame = self._gyro_frame = ""
+        self._take: Callable[[GyroSample], None] | None = None
+        if gyro is not None:
+            self._kept.append(subscribe(self._node, gyro.name, messages.IMU, self._rate, self._refuse))
+        by_tf = wheels is not None and wheels.given.frames is not None
+        if by_tf or (gyro is not None and gyro.asks_tf):
             self._kept.append(
                 subscribe(
                     self._node, "/tf_static", messages.TRANSFORMS, self._links, self._refuse, latched=True
@@ -90,6 +104,12 @@ class RosCamera:
                     f"/tf_static did not say where {wheels.given.frames} are",
                 )
                 self.t_bc = wheels.t_bc(self._fixed)
+            if gyro is not None:
+                self._spin_until(
+                    lambda: gyro.sensor(self._fixed, self._frame, self._gyro_frame) is not None,
+                    f"Images and {gyro.name} did not come, or /tf_static did not link their frames",
+                )
+                self.imu = gyro.sensor(self._fixed, self._frame, self._gyro_frame)
         except BaseException:
             self._close()
             raise
@@ -116,7 +136,8 @@ class RosCamera:
         self._kept.append(subscribe(self._node, self._wheels.name, self._wheels.kind, sample, self._refuse))
 
     def turn(self, take: Callable[[GyroSample], None]) -> None:
-        """No gyroscope is heard; `collabslam.live.ros` hears one."""
+        """The gyroscope, too."""
+        self._take = take
 
     def begin(self) -> None:
         """The clock is the system's."""
@@ -138,7 +159,7 @@ class RosCamera:
             self._close()
 
     def _image(self, data: bytes) -> None:
-        t, image, _ = stamped_image(self._topic, data)
+        t, image, self._frame = stamped_image(self._topic, data)
         off = self.clock.now() - t
         if abs(off) > APART:
             raise DataError(
@@ -152,6 +173,11 @@ class RosCamera:
     def _info(self, data: bytes) -> None:
         if not self._cameras:
             self._cameras.append(messages.camera_from(data, f"CameraInfo beside {self._topic}", self._topic))
+
+    def _rate(self, data: bytes) -> None:
+        self._gyro_frame, sample = sample_of(data)
+        if self._take is not None:
+            self._take(sample)
 
     def _links(self, data: bytes) -> None:
         self._fixed.take(messages.decoded(messages.TRANSFORMS, data), static=True)

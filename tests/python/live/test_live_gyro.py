@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import socket
+import sys
 from argparse import ArgumentParser
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,8 +25,9 @@ from helpers.rosless import Node, stand_in
 from collabslam import DataError, InputError, Settings, SettingsError, Slam
 from collabslam.cli.live_ros import configure, gyro_topic
 from collabslam.datasets.imu.beside import GyroGiven
+from collabslam.datasets.imu.description import MOUNTS
 from collabslam.geometry import pose
-from collabslam.live import link, messages, ros
+from collabslam.live import link, messages, ros, ros_camera
 from collabslam.live.cameras import RecordingPlayback, open_camera
 from collabslam.live.core import GyroSample, LivePose
 from collabslam.live.gyro_topic import GyroTopic, sample_of
@@ -125,8 +128,66 @@ def test_a_robot_plays_a_recordings_gyroscope(clip: Clip, tmp_path: Path) -> Non
 
 def test_what_is_given_beside_a_camera(clip: Clip, tmp_path: Path) -> None:
     assert RecordingPlayback(Turned(clip, None)).imu is None
-    with pytest.raises(SettingsError, match="recording that --gyro and --imu could go with"):
-        open_camera("ros:/cs", None, gyro=GyroGiven("/imu"))
+    with pytest.raises(SettingsError, match="has no gyroscope that --gyro and --imu could tell of"):
+        open_camera("/dev/video7", None, gyro=GyroGiven("/imu"))
+    with pytest.raises(SettingsError, match="give that"):
+        open_camera("ros:/cs", None, gyro=GyroGiven(None, "ros"))
+
+
+class Executor:
+    """Gives a node's subscriptions what was sent, a message at a time."""
+
+    def __init__(self, sent: list[tuple[str, bytes]], node: Node) -> None:
+        self.sent, self.node = sent, node
+
+    def spin_once(self, timeout_sec: float) -> None:
+        if self.sent:
+            topic, data = self.sent.pop(0)
+            self.node.takes[topic](data)
+
+    def add_node(self, node: object) -> None: ...
+    def shutdown(self) -> None: ...
+
+
+@pytest.mark.usefixtures("without_ros")
+@pytest.mark.parametrize("told", [None, "ros"])
+def test_a_topic_of_images_has_a_gyroscope_beside_it(
+    clip: Clip, monkeypatch: pytest.MonkeyPatch, told: str | None
+) -> None:
+    node, now, image = Node(), 1e9, clip.frames[0].image
+    monkeypatch.setattr(ros_camera.SystemClock, "now", lambda self: now)
+    link = tf(("cs", "imu_link", 0.0, pose(R_CI, [0.1, 0.0, 0.0])))
+    sent = [
+        ("/cs/camera_info", messages.camera_info(0.0, "cs", clip.recording.camera)),
+        ("/imu", rate(now)),
+        ("/cs/image_raw", messages.raw_image(now, "cs", image)),
+        *([("/tf_static", messages.encoded(messages.TRANSFORMS, link))] if told is None else []),
+    ]
+    node.destroy_node = lambda: None  # type: ignore[attr-defined]
+    context = SimpleNamespace(init=lambda: None, try_shutdown=lambda: None)
+    rclpy = SimpleNamespace(Context=lambda: context, create_node=lambda name, context: node)
+    monkeypatch.setattr(ros_camera, "rclpy_of", lambda: rclpy)
+    executors = ModuleType("rclpy.executors")
+    vars(executors).update(SingleThreadedExecutor=lambda context: Executor(sent, node))
+    monkeypatch.setitem(sys.modules, "rclpy.executors", executors)
+    camera = open_camera("ros:/cs/image_raw", None, gyro=GyroGiven("/imu", told))
+    assert camera.imu is not None
+    np.testing.assert_allclose(camera.imu.r_ci, R_CI if told is None else MOUNTS["ros"], atol=1e-12)
+    taken: list[GyroSample] = []
+    camera.turn(taken.append)
+    sent += [
+        ("/imu", rate(now + 0.01)),
+        ("/imu", messages.rate(now + 0.02, np.zeros(3), np.array([0.0, 9.8, 0.0]))),
+        ("/imu", b"no message"),
+        ("/cs/image_raw", messages.raw_image(now + 0.03, "cs", image)),
+    ]
+    images = camera.images(lambda: not sent)
+    assert next(images).t == pytest.approx(now, abs=1e-6)  # what waited
+    assert next(images).t == pytest.approx(now + 0.03, abs=1e-6)
+    assert [s.acceleration is None for s in taken[-2:]] == [True, False]
+    assert len(taken) == (2 if told is None else 3)  # none is lost once it is known how it sits
+    sent[:] = [("/cs/camera_info", messages.camera_info(0.0, "cs", clip.recording.camera))]
+    assert open_camera("ros:/cs/image_raw", None, gyro=GyroGiven("none")).imu is None
 
 
 def rate(t: float, frame: str = "imu_link") -> bytes:
