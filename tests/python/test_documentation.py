@@ -101,6 +101,24 @@ def make_persons(folder: Path, short: Short) -> None:
             writer.add(frame.t, frame.image, views, short.truth[frame.index])
 
 
+def make_pair(folder: Path, short: Short) -> None:
+    """The walk as two videos, as README has them."""
+    folder.mkdir()
+    frames, size = _frames(short), (short.camera.width, short.camera.height)
+    rows, images = [], [[f.image for f in frames], [(f.views[0] if f.views else f).image for f in frames]]
+    for k, (lens, pictures) in enumerate(zip((short.camera, short.worn_camera), images, strict=True)):
+        (folder / f"cam{k}.yaml").write_text(yaml.safe_dump(sensor_mapping(lens)))
+        video = cv2.VideoWriter(str(folder / f"cam{k}.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, size)
+        for picture in pictures:
+            video.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+        video.release()
+    for k, frame in enumerate(frames):
+        for view in frame.views:
+            row = [0.1 * k, *view.t_cf[:3, 3], *g.quaternion_wxyz(view.t_cf[:3, :3]), 0.03, 1.0]
+            rows.append(",".join(f"{v:.6f}" for v in row))
+    (folder / "t_cf.csv").write_text("\n".join(rows))
+
+
 def make_targets(folder: Path, clip: Clip) -> None:
     """A walk past a tag, and a film of a board."""
     write_recording(walk_past(clip, TAG, FRAMES, alone=False), folder / "tagged")
@@ -128,6 +146,7 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     short = Short(clip, FRAMES)
     write_recording(short, folder / "walk")
     make_persons(folder / "persons", short)
+    make_pair(folder / "pair", short)
     (folder / "camera.yaml").write_text(yaml.safe_dump({**sensor_mapping(short.camera), "rate": 10}))
     (folder / "images").mkdir()
     size = (short.camera.width, short.camera.height)

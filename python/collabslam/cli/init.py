@@ -75,7 +75,10 @@ def main(arguments: argparse.Namespace) -> int:
         beside += f" --imu {imu}"
     elif arguments.gyro is not None and not known:
         print("how the gyroscope sits: collabslam init again, with that --camera and without --board")
-    print(f"next: collabslam run {arguments.source} --camera {camera} --config {settings}{beside}")
+    if arguments.board is not None:
+        print(f"next: collabslam run VIDEO --camera {camera}, or {camera} as cam0.yaml beside your cam0.mp4")
+    else:
+        print(f"next: collabslam run {arguments.source} --camera {camera} --config {settings}{beside}")
     return OK
 
 

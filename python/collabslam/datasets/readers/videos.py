@@ -159,8 +159,9 @@ def _worn(recording: StreamRecording, folder: Path) -> RecordedWorn:
     poses = folder / "t_cf.csv"
     if not poses.is_file():
         raise DataError(
-            f"The video {folder / 'cam1'} has no measured poses; put {poses} there, or give a printed target "
-            "that both cameras see, as --topics t_cf=tag:36h11:3=0.16."
+            f"The video {folder / 'cam1'} has no measured poses; put {poses} there (lines of "
+            "stamp,x,y,z,qw,qx,qy,qz,sd_metres,sd_degrees), or give a printed target that both cameras "
+            "see, as --topics t_cf=tag:36h11:3=0.16."
         )
     stamps, track, covariances = _poses(poses, (2, 21))
     views: dict[int, Callable[[], WornView]] = {}
