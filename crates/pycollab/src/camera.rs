@@ -54,7 +54,7 @@ pub(crate) struct ProjectedPoints {
 /// distortion : array_like
 ///     ``[]``, ``[k1, k2, p1, p2(, k3(, k4, k5, k6))]``, ``[k1, k2, k3, k4]`` or ``[K]``, of any shape;
 ///     zeros behind them are left out.
-/// **others
+/// **others : array_like or str
 ///     The same by other names: ``K`` or ``k`` (intrinsics), ``D``, ``d`` or ``distortion_coeffs``
 ///     (distortion), ``distortion_model`` (model), ``resolution`` (width and height), and Kalibr's
 ///     ``camera_model="pinhole"``.

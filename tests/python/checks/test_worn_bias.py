@@ -293,7 +293,7 @@ def test_check_calib_writes_what_mends_a_recording(
     monkeypatch.setattr(recorded, "VIEWS", 8)
     base = Off(corridor_recording(length_m=2.1))
     monkeypatch.setattr(Source, "open", lambda self: base)
-    monkeypatch.setattr(calibration_check, "check_calibration", lambda *_: CalibrationReport({1: 0.3}))
+    monkeypatch.setattr(calibration_check, "check_calibration", lambda *_, **__: CalibrationReport({1: 0.3}))
     file = tmp_path / "worn.yaml"
     assert cli.main(["check-calib", "walk", "--write", str(file)]) == 0
     said = capsys.readouterr().out
