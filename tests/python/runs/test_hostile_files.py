@@ -76,7 +76,7 @@ def altered(tree: Any, path: str, seen: set[str]) -> Iterator[tuple[str, Any]]:
     elif isinstance(tree, list | tuple):
         for k in range(min(len(tree), 2)):
             for where, value in altered(tree[k], f"{path}[{k}]", seen):
-                yield where, type(tree)([*tree[:k], value, *tree[k + 1 :]])
+                yield where, getattr(tree, "_make", type(tree))([*tree[:k], value, *tree[k + 1 :]])
 
 
 def refused_or_used(name: str, use: Callable[[], Any]) -> str | None:
