@@ -34,11 +34,17 @@ def _calls() -> list[tuple[Path, str, ast.Call]]:
     ]
 
 
+PIPES = Path("batch/isolated.py")
+"""Pickles go between a process and the child that it started itself, never through a file or a network."""
+
+
 @pytest.mark.slow
 def test_nothing_that_is_read_can_run() -> None:
     for path, name, call in _calls():
         assert name not in {"eval", "exec", "compile", "__import__", "os.system", "os.popen"}, path
-        assert not name.startswith(("pickle.", "marshal.", "shelve.", "joblib.")), path
+        if path != PIPES:
+            assert not name.startswith(("pickle.", "marshal.", "shelve.", "joblib.")), path
+        assert name != "pickle.load", path
         assert name not in {"yaml.load", "yaml.unsafe_load", "yaml.full_load", "yaml.load_all"}, path
         options = {k.arg: ast.unparse(k.value) for k in call.keywords}
         assert options.get("shell", "False") == "False", path
@@ -52,7 +58,8 @@ def test_nothing_that_is_read_can_run() -> None:
             if isinstance(node, ast.Import)
             for alias in node.names
         }
-        assert not modules & {"pickle", "marshal", "shelve", "dill", "joblib"}, path
+        allowed = {"pickle"} if path.relative_to(PACKAGE) == PIPES else set()
+        assert not modules & ({"pickle", "marshal", "shelve", "dill", "joblib"} - allowed), path
 
 
 def test_a_settings_file_makes_no_objects(tmp_path: Path) -> None:
