@@ -78,8 +78,8 @@ def summarise(
 
 def _camera(camera: Camera) -> Summary:
     """The arguments that make the camera again."""
-    names = ("model", "width", "height", "intrinsics", "distortion")
-    return {name: getattr(camera, name) for name in names}
+    names, lists = ("model", "width", "height"), ("intrinsics", "distortion")
+    return {name: getattr(camera, name) for name in names} | {k: list(getattr(camera, k)) for k in lists}
 
 
 def is_trusted(summary: Summary) -> bool:

@@ -101,7 +101,9 @@ class Trajectory:
         true[:3, :3] = attitude
         generator = np.random.Generator(np.random.PCG64((*self._seed, i)))
         picture = self.recording.worn_picture_at(self.recording.truth[i] @ true, generator)
-        return WornView(picture, *pose_with_error(true, t_cf_error(*self._seed, i)), NOTHING_LASTS)
+        return WornView(
+            picture, *pose_with_error(true, t_cf_error(*self._seed, i)), NOTHING_LASTS, body=False
+        )
 
     def _true(self, i: int) -> Array:
         true = np.eye(4)
