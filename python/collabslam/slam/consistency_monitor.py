@@ -152,7 +152,8 @@ class ConsistencyMonitor(PersistentState):
                 if pairs is not None:
                     wrong = pairs.rejected_gate + pairs.rejected_batch + pairs.rejected_conditional
                 matches = _last(matches, [wrong, len(seen.ids)], _LAST)
-                if seen is first:
+                # Of a view of another time the motion in between is in the error, too.
+                if seen is first and seen.given is seen.worn:
                     moved = _last(moved, seen.moved(error, self._bias_share), _LAST)
             worn[number] = known | {"matches": matches, "moved": moved, "without": without}
         self._worn = worn
