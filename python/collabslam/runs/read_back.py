@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from collabslam.datasets.poses import read_track
 from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
 from collabslam.evaluation.scoring import AlignedTruth, score
-from collabslam.formats.files import read_text
 from collabslam.formats.landmarks import read_ply
+from collabslam.formats.schema import items, number, table
 from collabslam.formats.trajectory import read_covariances
 from collabslam.geometry import pose_from_quaternion
 from collabslam.results import Landmarks, Loop, StepResult, SubmapPoses
@@ -32,7 +31,12 @@ from collabslam.runs.results import (
 )
 from collabslam.runs.run_folder import RunFolder
 from collabslam.runs.runner import RunResult
+from collabslam.settings.table import Settings
 from collabslam.types import Array, Status
+
+_LOOPS = items(table(str, number(nan=True)))
+_TEXTS = ("ate_alignment", "path_length_of", "status_final", "mode", "start")
+"""What of a summary is text; all else that follows from frames and truth is a number, or is missing."""
 
 
 def read_run(folder: Path) -> RunResult:
@@ -50,12 +54,12 @@ def read_run(folder: Path) -> RunResult:
     told, metric = run.summary(), run.is_metric()
     try:
         record = _record(run, metric=metric)
-        summary = {
-            **(_scores(record, folder, metric) if "path_length_m" not in told else {}),
-            "recording": folder.name,
-            "metric": metric,
-            **told,
-        }
+        if not len(record):
+            raise DataError(f"{folder / FRAMES} has no frames; run the recording again.")
+        scores = _scores(record, folder, metric)
+        if "path_length_m" in told:
+            _check(told, scores, folder)
+        summary = {**scores, "recording": folder.name, "metric": metric, **told}
         landmarks = read_ply(folder / MAP)
         submaps = _submaps(folder, summary, record)
         return RunResult(summary, record, _truth(folder, record), landmarks, folder, submaps)
@@ -101,17 +105,32 @@ def _number(text: str | None) -> float | None:
 
 def _scores(record: RunRecord, folder: Path, metric: bool) -> dict[str, Any]:
     """What a live run does not sum up itself."""
-    settings = yaml.safe_load(read_text(folder / CONFIG))
     return {
         **score(record, None, metric=metric),
-        "mode": settings["filter"]["estimator"]["mode"],
+        "mode": Settings.load(folder / CONFIG).filter.estimator.mode,
         "start": "live",
         "interrupted": False,
-        "ms_per_frame": {"step": 1e3 * float(np.mean(record.seconds))} if len(record) else {},
+        "ms_per_frame": {"step": 1e3 * float(np.mean(record.seconds))},
         "loops": [],
         "submaps": 0,
         "worn": [],
     }
+
+
+def _check(told: Mapping[str, Any], scores: Mapping[str, Any], folder: Path) -> None:
+    """Raises DataError where a summary lacks one of these, or has something of another kind in its place."""
+    for key, value in scores.items():
+        if key not in told or not _is_like(told[key], value, text=key in _TEXTS):
+            raise DataError(f"{folder / SUMMARY} has no usable {key}; run the recording again.")
+
+
+def _is_like(given: Any, value: Any, *, text: bool) -> bool:
+    """Whether something is of the kind of a value: numbers by name, a list, a text, or a number."""
+    if isinstance(value, dict):
+        return isinstance(given, dict) and all(_is_like(v, None, text=False) for v in given.values())
+    if isinstance(value, list):
+        return isinstance(given, list)
+    return given is None or isinstance(given, str if text else int | float)
 
 
 def _truth(folder: Path, record: RunRecord) -> AlignedTruth | None:
@@ -131,6 +150,8 @@ def _truth(folder: Path, record: RunRecord) -> AlignedTruth | None:
 
 
 def _submaps(folder: Path, summary: Mapping[str, Any], record: RunRecord) -> SubmapPoses | None:
+    _LOOPS(summary["loops"], "loops")
+    loops = [Loop(**loop) for loop in summary["loops"]]
     if not (folder / SUBMAPS).exists():
         return None
     times, poses = read_track(folder / SUBMAPS)
@@ -138,5 +159,4 @@ def _submaps(folder: Path, summary: Mapping[str, Any], record: RunRecord) -> Sub
     at = np.clip(np.searchsorted(record.times, times - 1e-9), 0, len(record) - 1)
     odometry: Array = record.poses[at]
     landmarks: Landmarks = read_ply(folder / WHOLE_MAP)
-    loops = [Loop(**loop) for loop in summary["loops"]]
     return SubmapPoses(times, poses, covariances, odometry, loops, landmarks)

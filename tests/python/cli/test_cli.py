@@ -24,7 +24,7 @@ from collabslam.runs import runner
 from collabslam.runs.comparison import on_first
 from collabslam.runs.plan import MODE_KEY, Output, Plan
 from collabslam.runs.read_back import read_run
-from collabslam.runs.report import median_summary, summary_text, untrusted_text
+from collabslam.runs.report import median_summary, side_by_side, summary_text, untrusted_text
 from collabslam.runs.summary import is_trusted
 from collabslam.settings.table import Settings
 from collabslam.simulation.recording import demo_recording
@@ -115,6 +115,27 @@ def test_two_runs_stand_beside_each_other(tmp_path: Path, capsys: pytest.Capture
     assert apart[-1] > 0.1
     assert (tmp_path / "b" / "comparison.png").read_bytes().startswith(b"\x89PNG")
     assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path)]) == 2
+
+
+@pytest.mark.slow
+def test_a_summary_that_was_changed_by_hand_is_refused_or_told(tmp_path: Path) -> None:
+    """Whatever stands in the place of a number: a summary is somebody's file."""
+    runner.run(Walk(), slam=FakeSlam(Walk()), out=tmp_path / "run")
+    file, frames = tmp_path / "run" / "summary.json", tmp_path / "run" / "frames.csv"
+    good, refused = json.loads(file.read_text()), 0
+    for key in good:
+        others = [{**good, key: value} for value in ("x", [1], None, {"a": 1})]
+        for told in ({k: v for k, v in good.items() if k != key}, *others):
+            file.write_text(json.dumps(told))
+            try:
+                side_by_side({"run": read_run(tmp_path / "run").summary})
+            except DataError:
+                refused += 1
+    assert refused > len(good), "most keys are asked for, and by their kind"
+    file.write_text(json.dumps(good))
+    frames.write_text("")
+    with pytest.raises(DataError, match="has no frames"):
+        read_run(tmp_path / "run")
 
 
 def test_a_run_without_truth_says_what_it_knows(tmp_path: Path) -> None:
