@@ -14,6 +14,7 @@ __all__ = [
     "GYRO_GAP",
     "LARGEST_PIXEL",
     "LAST_TIME",
+    "LONGEST_GAP",
     "MAX_RANGE_RATIO",
     "MOST_KEPT_POSES",
     "SURE_LEVEL",
@@ -110,6 +111,8 @@ FEWEST_MATCHES: int
 """Fewest matches that tell one pose."""
 FASTEST_RATE: float
 """Largest rate about an axis that a gyroscope is believed, rad/s: twice what common sensors can measure."""
+LONGEST_GAP: float
+"""Longest silence between two stamps of one source, seconds; beyond it they are taken to be wrong."""
 GYRO_GAP: float
 """Longest time between two samples of a gyroscope that the rate is known in, seconds."""
 LARGEST_PIXEL: float

@@ -55,4 +55,4 @@ pub use filter::{
 pub use guard::LARGEST_PIXEL;
 pub use imu::{FASTEST_RATE, GYRO_GAP};
 pub use settings::Settings;
-pub use stamps::LAST_TIME;
+pub use stamps::{LAST_TIME, LONGEST_GAP};

@@ -5,7 +5,7 @@
 //! direction `N(x)` (see [`gauge`](crate::gauge)), the variance is `b^T P b`. An error that all features share is in it as it
 //! is; errors of single depths average out.
 
-use crate::observe::point::CameraPose;
+use crate::observe::FeatureState;
 use crate::state::{Block, State};
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -18,16 +18,15 @@ pub(crate) struct ScaleEstimate {
 }
 
 /// Derivatives of the logarithm of a range by the camera's position and by the feature.
-struct LogRange {
-    by_camera: Vector3<f64>,
-    by_feature: SVector<f64, 6>,
+pub(crate) struct LogRange {
+    pub(crate) by_camera: Vector3<f64>,
+    pub(crate) by_feature: SVector<f64, 6>,
 }
 
 impl LogRange {
     /// `None` of a feature without a point.
-    fn of(state: &State, camera: &CameraPose, block: &Block) -> Option<Self> {
-        let feature = state.feature(block);
-        let ray = feature.point()? - camera.r;
+    pub(crate) fn of(camera: &Vector3<f64>, feature: &FeatureState) -> Option<Self> {
+        let ray = feature.point()? - camera;
         let by_point = ray / ray.norm_squared();
         Some(Self {
             by_camera: -by_point,
@@ -48,11 +47,11 @@ impl LogRange {
 
 /// Derivative of the estimate of the scale's logarithm by the state; `None` where no feature has a depth.
 pub(crate) fn by_state(state: &State) -> Option<Vec<f64>> {
-    let camera = state.camera_pose();
+    let camera = state.camera_pose().r;
     let mut b = vec![0.0; state.mean().len()];
     let mut total = 0.0;
     for block in state.layout().features() {
-        let Some(range) = LogRange::of(state, &camera, block) else {
+        let Some(range) = LogRange::of(&camera, &state.feature(block)) else {
             continue;
         };
         let weight = 1.0 / range.variance(state, block);

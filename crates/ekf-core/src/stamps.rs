@@ -6,7 +6,7 @@ use crate::error::EkfError;
 pub const LAST_TIME: f64 = 1e11;
 
 /// Largest silence between two stamps of one source, seconds; beyond it they are taken to be wrong.
-pub(crate) const LONGEST_GAP: f64 = 3600.0;
+pub const LONGEST_GAP: f64 = 3600.0;
 
 /// Whether a stamp can be in seconds.
 pub(crate) fn is_sane(t: f64) -> bool {

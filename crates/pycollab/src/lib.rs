@@ -35,6 +35,10 @@ mod _core {
     #[pymodule_export]
     const FASTEST_RATE: f64 = ekf_core::FASTEST_RATE;
 
+    /// Longest silence between two stamps of one source, seconds; beyond it they are taken to be wrong.
+    #[pymodule_export]
+    const LONGEST_GAP: f64 = ekf_core::LONGEST_GAP;
+
     /// Longest time between two samples of a gyroscope that the rate is known in, seconds.
     #[pymodule_export]
     const GYRO_GAP: f64 = ekf_core::GYRO_GAP;

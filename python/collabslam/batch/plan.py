@@ -65,9 +65,9 @@ def read_plan(path: Path) -> tuple[Entry, ...]:
         raise SettingsError(f"The plan {path} cannot be read: {error}.") from error
     except yaml.YAMLError as error:
         raise SettingsError(f"{path} is not valid YAML: {' '.join(str(error).split())}.") from error
-    top = _mapping(tree, str(path), ("defaults", "recordings"))
-    shared = _mapping(top.get("defaults") or {}, f"{path}, defaults", KEYS)
-    recordings = _mapping(top.get("recordings") or {}, f"{path}, recordings", None)
+    top = mapping_of(tree, str(path), ("defaults", "recordings"))
+    shared = mapping_of(top.get("defaults") or {}, f"{path}, defaults", KEYS)
+    recordings = mapping_of(top.get("recordings") or {}, f"{path}, recordings", None)
     if not recordings:
         raise SettingsError(f"{path} names no recordings; list them under 'recordings'.")
     entries = []
@@ -75,7 +75,7 @@ def read_plan(path: Path) -> tuple[Entry, ...]:
         where = f"{path}, {name}"
         if not re.fullmatch(NAME, str(name)):
             raise SettingsError(f"{where}: nothing can be called so; take letters, digits, _, . and -.")
-        own = _mapping(given or {}, where, KEYS)
+        own = mapping_of(given or {}, where, KEYS)
         entries.append(_entry(str(name), {**shared, **own}, path.parent, where))
     return tuple(entries)
 
@@ -122,7 +122,8 @@ def _count(value: Any, where: str, least: int) -> int:
     return value
 
 
-def _mapping(value: Any, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
+def mapping_of(value: Any, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
+    """A mapping of a plan; raises SettingsError if it is none, or has a name that is not ``known``."""
     if not isinstance(value, Mapping):
         raise SettingsError(f"{where} is not a mapping of names to values.")
     for key in value:

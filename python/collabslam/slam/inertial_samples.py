@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collabslam._core import LAST_TIME
+from collabslam._core import LAST_TIME, LONGEST_GAP
 from collabslam.errors import InputError
 from collabslam.formats.schema import Check, array, items, number, optional
 from collabslam.slam.state import PersistentState
@@ -17,8 +17,6 @@ from collabslam.types import Array
 
 MOST = 30_000
 """Samples that wait for a frame at most: half a minute at 1000 Hz."""
-LONGEST_SILENCE = 3600.0
-"""Seconds between two samples beyond which a stamp is taken to be wrong."""
 LARGEST_ACCELERATION = 1000.0
 """m/s^2: a hundred g, more than a sensor measures that tells which way is down."""
 
@@ -59,7 +57,7 @@ class InertialSamples(PersistentState):
         """Raises InputError if a sample of ``what`` cannot come at ``t`` seconds, or too many wait."""
         if not math.isfinite(t) or abs(t) > LAST_TIME:
             raise InputError(f"The time {t} s of the {what} is not a time stamp in seconds; give seconds.")
-        if self._last is not None and not 0.0 < t - self._last <= LONGEST_SILENCE:
+        if self._last is not None and not 0.0 < t - self._last <= LONGEST_GAP:
             raise InputError(
                 f"The time {t} s of the {what} does not follow the last one's, {self._last} s, within an "
                 "hour; give samples in the order in which they were measured, each once."

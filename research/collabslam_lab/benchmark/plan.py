@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -11,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from collabslam.batch.plan import mapping_of
 from collabslam.errors import SettingsError
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.modes import MODES, STARTS
@@ -179,13 +179,13 @@ def parse_plan(text: str, origin: str = "the package's own plan") -> Plan:
         tree = load_yaml(text)
     except yaml.YAMLError as error:
         raise SettingsError(f"{origin} is not valid YAML: {' '.join(str(error).split())}.") from error
-    top = _mapping(tree, origin, ("seeds", "defaults", "recordings", "ablation"))
-    shared = _mapping(top.get("defaults") or {}, f"{origin}, defaults", tuple(_FIELDS))
-    recordings = _mapping(top.get("recordings") or {}, f"{origin}, recordings", None)
+    top = mapping_of(tree, origin, ("seeds", "defaults", "recordings", "ablation"))
+    shared = mapping_of(top.get("defaults") or {}, f"{origin}, defaults", tuple(_FIELDS))
+    recordings = mapping_of(top.get("recordings") or {}, f"{origin}, recordings", None)
     if not recordings:
         raise SettingsError(f"{origin} names no recordings; list them under 'recordings'.")
     entries = tuple(
-        _entry(str(name), {**shared, **_mapping(given or {}, f"{origin}, {name}", tuple(_FIELDS))}, origin)
+        _entry(str(name), {**shared, **mapping_of(given or {}, f"{origin}, {name}", tuple(_FIELDS))}, origin)
         for name, given in recordings.items()
     )
     seeds = parse_seeds(top["seeds"], origin) if "seeds" in top else Plan.seeds
@@ -220,26 +220,15 @@ def _entry(name: str, given: Mapping[str, Any], origin: str) -> Entry:
 
 
 def _ablation(tree: Any, where: str) -> Ablation:
-    given = _mapping(tree, where, ("seeds", "modes", "levers", "code"))
-    levers = _mapping(given.get("levers") or {}, f"{where}, levers", None)
-    code = _mapping(given.get("code") or {}, f"{where}, code", tuple(map(str, levers)))
+    given = mapping_of(tree, where, ("seeds", "modes", "levers", "code"))
+    levers = mapping_of(given.get("levers") or {}, f"{where}, levers", None)
+    code = mapping_of(given.get("code") or {}, f"{where}, code", tuple(map(str, levers)))
     return Ablation(
         {str(name): _settings(changes, f"{where}, {name}") for name, changes in levers.items()},
         parse_seeds(given["seeds"], where) if "seeds" in given else Ablation.seeds,
         _modes(given["modes"], f"{where}, modes") if "modes" in given else Ablation.modes,
         {str(name): tuple(map(str, paths)) for name, paths in code.items()},
     )
-
-
-def _mapping(value: Any, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise SettingsError(f"{where} is not a mapping of names to values.")
-    for key in value:
-        if known is not None and key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"it takes {', '.join(known)}."
-            raise SettingsError(f"{where} has no option '{key}'; {hint}")
-    return value
 
 
 def _text(value: Any, where: str) -> str | None:
@@ -313,7 +302,7 @@ def _settings(value: Any, where: str) -> dict[str, Any]:
 def _reference(value: Any, where: str) -> Reference | None:
     if value is None:
         return None
-    given = _mapping(value, where, ("system", "ate_sim3_pct", "poses", "lost"))
+    given = mapping_of(value, where, ("system", "ate_sim3_pct", "poses", "lost"))
     if "system" not in given or "ate_sim3_pct" not in given:
         raise SettingsError(f"{where} needs 'system' and 'ate_sim3_pct'.")
     poses = None if given.get("poses") is None else int(_number(given["poses"], where))

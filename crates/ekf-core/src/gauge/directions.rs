@@ -2,6 +2,7 @@
 
 use crate::math::{inverse_depth, quat};
 use crate::observe::POSE_DIM;
+use crate::scale::LogRange;
 use crate::state::{Block, Covariance, InWorld, Layout};
 use nalgebra::Vector3;
 
@@ -100,16 +101,13 @@ pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], ou
             continue;
         }
         let weight = 1.0 / (variance + EXACT);
-        let Some(point) = feature.point() else {
+        let Some(range) = LogRange::of(&camera, &feature) else {
             continue;
         };
-        let ray = point - camera;
-        let by_point = ray / ray.norm_squared();
-        for i in 0..3 {
-            scale[i] -= weight * by_point[i];
+        for (b, value) in scale.iter_mut().zip(range.by_camera.iter()) {
+            *b += weight * value;
         }
-        let by_feature = feature.point_jacobian().tr_mul(&by_point);
-        for (b, value) in scale[block.range()].iter_mut().zip(by_feature.iter()) {
+        for (b, value) in scale[block.range()].iter_mut().zip(range.by_feature.iter()) {
             *b += weight * value;
         }
         total += weight;

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collabslam._core import Camera, Filter
+from collabslam._core import Camera, Filter, Prediction
 from collabslam.frontend.patch import warp_templates
 from collabslam.frontend.search import FOUND, GATE, active_search
 from collabslam.frontend.two_views import ViewedPoints
@@ -66,7 +66,9 @@ class SeenThrough:
             behind = self._wearers.behind(outline, expected.uv, expected.rho, expected.rho_sd)
             ids = expected.ids[behind & (spread < _WIDEST**2)]
             tried, hits = (
-                self._found_again(found, ids) if who in self._wearers.nobody else self._look(view, ids)
+                self._found_again(found, ids)
+                if who in self._wearers.nobody
+                else self._look(view, expected.subset(np.isin(expected.ids, ids)))
             )
             self._wearers.saw(who, found=hits, tried=tried, usual=usual, by_chance=_IN_MAP, at_once=_ONCE)
 
@@ -92,10 +94,8 @@ class SeenThrough:
         usual = (len(matches.index) - hits) / max(len(others), 1)
         self._wearers.saw(overlap.worn.who, found=hits, tried=len(on_it), usual=usual, by_chance=_IN_CF)
 
-    def _look(self, view: View, ids: Ids) -> tuple[int, int]:
+    def _look(self, view: View, expected: Prediction) -> tuple[int, int]:
         """Looks for landmarks that are not searched otherwise: how many could be found, and how many were."""
-        expected = self._filter.predict_pixels()
-        expected = expected.subset(np.isin(expected.ids, ids))
         if not len(expected.ids):
             return 0, 0
         patches = [self._tracks.patch(i) for i in expected.ids.tolist()]
