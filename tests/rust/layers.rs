@@ -27,9 +27,9 @@ const CRATE: Table = &[
     ("map_frame", &["math", "observe"]),
     ("kernel", &["observe"]),
     ("state", &["error", "math", "observe", "kernel"]),
-    ("gauge", &["math", "observe", "kernel", "state"]),
-    ("local", &["error", "observe", "kernel", "state"]),
     ("scale", &["observe", "state"]),
+    ("gauge", &["math", "observe", "kernel", "state", "scale"]),
+    ("local", &["error", "observe", "kernel", "state"]),
     (
         "view_planning",
         &["math", "camera", "observe", "state", "scale"],
