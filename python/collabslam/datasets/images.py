@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable
 from decimal import Decimal
 from functools import lru_cache
 from pathlib import Path
@@ -28,6 +29,8 @@ DEPTHS = (8, 10, 12, 14, 16)
 """Bits that cameras deliver."""
 SAMPLED = 64
 """Deep images of which the largest value is looked at, spread over a recording."""
+_BRIGHTER = 50
+"""One in so many may be brighter than the range: what one broken pixel costs is one image."""
 _LARGEST = 1 << 28
 """Bytes of an image's file."""
 
@@ -73,7 +76,7 @@ def decode(
     Raises
     ------
     DataError
-        Naming ``where``, if it is empty, cut short, no image, of another size, or uses more bits.
+        Naming ``where``, if it is empty, cut short, no image, or of another size.
     """
     header = read_header(data)
     if header is not None and camera is not None and min(header.width, header.height) > 0:
@@ -84,7 +87,7 @@ def decode(
             f"The image {where} is empty, cut short or not an image that is read ({SIGNATURES}); copy it "
             "again from the source, or convert it."
         )
-    return shallow(image, header.bits if bits is None or header.stated else bits, where)
+    return shallow(image, header.bits if bits is None or header.stated else bits)
 
 
 def _decoded(data: bytes, header: Header, mosaic: int | None = None) -> np.ndarray | None:
@@ -107,22 +110,11 @@ def _decoded(data: bytes, header: Header, mosaic: int | None = None) -> np.ndarr
     return image
 
 
-def shallow(image: np.ndarray, bits: int, where: str) -> Image:
-    """An image of 8 or more used bits as uint8: the most significant eight of those it uses.
-
-    Raises
-    ------
-    DataError
-        If a pixel uses more bits.
-    """
+def shallow(image: np.ndarray, bits: int) -> Image:
+    """An image of 8 or more used bits as uint8: the most significant eight; white where it uses more."""
     if image.dtype == np.uint8:
         return np.asarray(image, dtype=np.uint8)
-    if int(image.max()) >> bits:
-        raise DataError(
-            f"The image {where} uses more than the {bits} bits of the others beside it; convert all of them "
-            "to 8 bits alike."
-        )
-    return np.asarray(image >> max(bits - 8, 0), dtype=np.uint8)
+    return np.asarray(np.minimum(image >> max(bits - 8, 0), 255), dtype=np.uint8)
 
 
 @lru_cache(maxsize=64)
@@ -132,11 +124,9 @@ def used_bits(folder: Path, suffix: str) -> int:
     Cameras store 10 or 12 bits in files of 16 that do not say so. All images of a folder are taken alike.
     """
     paths = sorted(p for p in folder.iterdir() if p.suffix == suffix and p.name[0] != ".")
-    largest = 0
-    for k in np.unique(np.linspace(0, len(paths) - 1, SAMPLED).round().astype(int)):
-        largest = max(largest, largest_value(_content(paths[k])))
-    bits = depth_of(largest)
-    tell("depth of pixels", f"{bits} bits, by the largest value of {len(paths)} files", folder)
+    spread = np.unique(np.linspace(0, len(paths) - 1, SAMPLED).round().astype(int))
+    bits = common_depth([largest_value(_content(paths[k])) for k in spread])
+    tell("depth of pixels", f"{bits} bits, by the largest values of {len(paths)} files", folder)
     return bits
 
 
@@ -150,6 +140,12 @@ def largest_value(data: bytes) -> int:
 def depth_of(largest: int) -> int:
     """The least of `DEPTHS` that holds a value."""
     return next(bits for bits in DEPTHS if largest >> bits == 0)
+
+
+def common_depth(largest: Iterable[int]) -> int:
+    """The least of `DEPTHS` that holds the largest values of all images but one in `_BRIGHTER`."""
+    ranked = sorted(value for value in largest if value)
+    return depth_of(ranked[-1 - len(ranked) // _BRIGHTER] if ranked else 0)
 
 
 def decode_deep(path: Path, camera: Camera) -> np.ndarray:

@@ -27,7 +27,7 @@ from collabslam.live.propagation import Motion, Propagator
 from collabslam.live.ros_frames import TF_MAP, Base, RosFrames
 from collabslam.live.ros_out import RosOut
 from collabslam.live.ros_services import offer_services
-from collabslam.live.ros_types import image_kind, stamped_image, subscribe
+from collabslam.live.ros_types import ImageTopic, subscribe
 from collabslam.live.ros_worn import TF, RosWorn, Take, WornTopics, check_own
 from collabslam.live.slam import LiveSlam
 from collabslam.live.views import LiveView
@@ -141,9 +141,10 @@ class RosNode:
         self._wheels = topics.wheels
         self._worn = {name: RosWorn(name, of, self._tree, self._push) for name, of in topics.worn.items()}
         check_own(self._worn)
+        images = ImageTopic(topics.cs)
         takes: list[Take] = [
             (topics.cs_info, messages.CAMERA_INFO, self._calibration),
-            (topics.cs, image_kind(topics.cs), partial(self._robot, topics.cs)),
+            (images.name, images.kind, partial(self._robot, images)),
             *self._of_persons(topics.worn),
             *([] if topics.wheels is None else [self._of_wheels(topics.wheels)]),
             *([] if topics.gyro is None else [(topics.gyro.name, messages.IMU, self._rate)]),
@@ -255,8 +256,8 @@ class RosNode:
 
         return wheels.name, wheels.kind, sample
 
-    def _robot(self, topic: str, data: bytes) -> None:
-        t, image, self._frame = stamped_image(topic, data)
+    def _robot(self, images: ImageTopic, data: bytes) -> None:
+        t, image, self._frame = images.stamped(data)
         if self._live is not None:
             self._live.push_robot(t - self._topics.latency, image)
 

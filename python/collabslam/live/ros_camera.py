@@ -18,7 +18,7 @@ from collabslam.live.core import GyroSample
 from collabslam.live.frame_source import CapturedImage
 from collabslam.live.gyro_topic import GyroTopic, sample_of
 from collabslam.live.monotonic_clock import MonotonicClock
-from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
+from collabslam.live.ros_types import ImageTopic, rclpy_of, subscribe
 from collabslam.live.sensed import SensorTaker, sensor_topics
 from collabslam.live.wheels import WheelSamples, WheelTopic
 from collabslam.types import Array, Image, Imu
@@ -66,7 +66,7 @@ class RosCamera:
         gyro: GyroTopic | None = None,
     ) -> None:
         self.name, self.clock = "camera", SystemClock()
-        self._topic = topic
+        self._topic = ImageTopic(topic)
         self._images: deque[tuple[float, Image]] = deque(maxlen=WAITING)
         self._cameras: list[Camera] = [] if calibration is None else [load_unmasked(calibration, topic=topic)]
         self._fault: CollabslamError | None = None
@@ -79,7 +79,7 @@ class RosCamera:
         self._executor.add_node(self._node)
         info = f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
         self._kept = [
-            subscribe(self._node, topic, image_kind(topic), self._image, self._refuse),
+            subscribe(self._node, topic, self._topic.kind, self._image, self._refuse),
             subscribe(self._node, info, messages.CAMERA_INFO, self._info, self._refuse),
         ]
         self._wheels, self._fixed = wheels, TransformTree()
@@ -152,14 +152,16 @@ class RosCamera:
         """
         try:
             while not ended():
-                self._spin_until(lambda: bool(self._images) or ended(), f"No image came on {self._topic}")
+                self._spin_until(
+                    lambda: bool(self._images) or ended(), f"No image came on {self._topic.name}"
+                )
                 while self._images:
                     yield CapturedImage(*self._images.popleft())
         finally:
             self._close()
 
     def _image(self, data: bytes) -> None:
-        t, image, self._frame = stamped_image(self._topic, data)
+        t, image, self._frame = self._topic.stamped(data)
         off = self.clock.now() - t
         if abs(off) > APART:
             raise DataError(
@@ -167,12 +169,14 @@ class RosCamera:
                 "machines, or give a recording by its path"
             )
         if self._cameras:
-            check_resolution(self._cameras[0], image, f"of {self._topic}")
+            check_resolution(self._cameras[0], image, f"of {self._topic.name}")
         self._images.append((t, image))
 
     def _info(self, data: bytes) -> None:
         if not self._cameras:
-            self._cameras.append(messages.camera_from(data, f"CameraInfo beside {self._topic}", self._topic))
+            self._cameras.append(
+                messages.camera_from(data, f"CameraInfo beside {self._topic.name}", self._topic.name)
+            )
 
     def _rate(self, data: bytes) -> None:
         self._gyro_frame, sample = sample_of(data)

@@ -6,10 +6,14 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from collabslam.datasets.ros.messages import image_of
+from collabslam.datasets.images import depth_of
+from collabslam.datasets.ros.messages import deepest, image_of
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
 from collabslam.types import Image
+
+_MANY = 10
+"""Images among which the brightest one may be broken."""
 
 
 def rclpy_of() -> Any:
@@ -37,10 +41,31 @@ def image_kind(topic: str) -> str:
     return messages.COMPRESSED if topic.endswith("compressed") else messages.IMAGE
 
 
-def stamped_image(topic: str, data: bytes) -> tuple[float, Image, str]:
-    """Stamp (seconds), image (H, W) uint8 and frame of a message in CDR; raises DataError."""
-    message = messages.decoded(image_kind(topic), data)
-    return messages.stamp_of(message), image_of(message, topic), str(message.header.frame_id)
+class ImageTopic:
+    """Images of a topic, one after the other.
+
+    Cameras put 10 or 12 bits into pixels of 16 and do not say so: the range is that of the largest value so
+    far; from the tenth image on but for the one brightest image, so that a broken pixel costs no more.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        Type of its messages.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name, self.kind = name, image_kind(name)
+        self._largest: list[int] = []
+        self._count = 0
+
+    def stamped(self, data: bytes) -> tuple[float, Image, str]:
+        """Stamp (seconds), image (H, W) uint8 and frame of a message in CDR; raises DataError."""
+        message = messages.decoded(self.kind, data)
+        self._largest = sorted([*self._largest, deepest(message)])[-2:]
+        self._count += 1
+        image = image_of(message, self.name, depth_of(self._largest[0 if self._count >= _MANY else -1]))
+        return messages.stamp_of(message), image, str(message.header.frame_id)
 
 
 def subscribe(

@@ -11,7 +11,7 @@ from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import SettingsError
 from collabslam.live import messages
 from collabslam.live.pairing import Pairing
-from collabslam.live.ros_types import image_kind, stamped_image
+from collabslam.live.ros_types import ImageTopic
 from collabslam.live.sensed import SensedPoses, sensor_topics
 from collabslam.live.transforms import WaitingStamps
 from collabslam.live.views import LiveView
@@ -79,7 +79,8 @@ class RosWorn:
         self._pairing = Pairing()
         self._tf: WaitingStamps | None = None
         self._sensed: SensedPoses | None = None
-        self.takes: list[Take] = [(topics.images, image_kind(topics.images), self._image)]
+        self._images = ImageTopic(topics.images)
+        self.takes: list[Take] = [(self._images.name, self._images.kind, self._image)]
         self.own = [topics.images]
         if topics.t_cf == TF:
             if topics.t_cf_sd is None:
@@ -110,7 +111,7 @@ class RosWorn:
             self._give(self._pairing.pose(*known))
 
     def _image(self, data: bytes) -> None:
-        stamp, image, frame = stamped_image(self._topics.images, data)
+        stamp, image, frame = self._images.stamped(data)
         self._give(self._pairing.image(self._session, stamp, image))
         if self._tf is not None:
             self._tf.add(stamp, frame)

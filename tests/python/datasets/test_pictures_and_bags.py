@@ -124,6 +124,23 @@ def test_deep_files_and_deep_messages_have_one_range(tmp_path: Path) -> None:
                 np.testing.assert_array_equal(images.read(k), expected[k])
 
 
+def test_one_broken_pixel_costs_one_image(tmp_path: Path) -> None:
+    used_bits.cache_clear()
+    shade = picture().astype(np.uint16) * 16
+    broken = shade.copy()
+    broken[3, 5] = 65535
+    for k in range(60):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), broken if k == 7 else shade)
+    rows = [("/cam/image_raw", START + k, image16(broken if k == 7 else shade)) for k in range(60)]
+    with Bag(bag(tmp_path / "bag", rows)) as opened:
+        images = BagImages(opened, "/cam/image_raw")
+        for k in (0, 7, 59):
+            expected = (shade >> 4).astype(np.uint8)
+            expected[3, 5] = 255 if k == 7 else expected[3, 5]
+            np.testing.assert_array_equal(images.read(k), expected)
+            np.testing.assert_array_equal(decode_grey(tmp_path / f"{k}.png"), expected)
+
+
 # --- bags -------------------------------------------------------------------------------------
 
 

@@ -12,6 +12,7 @@ from collabslam.geometry import pose, rotation_exp
 from collabslam.live import messages
 from collabslam.live.clock import Exchange
 from collabslam.live.monotonic_clock import nanoseconds, seconds
+from collabslam.live.ros_types import ImageTopic
 
 
 def some_pose(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -21,6 +22,28 @@ def some_pose(seed: int) -> tuple[np.ndarray, np.ndarray]:
         pose(rotation_exp(generator.normal(0.0, 1.0, 3)), generator.normal(0.0, 3.0, 3)),
         root @ root.T + 1e-6 * np.eye(6),
     )
+
+
+def deep_image(k: int, values: np.ndarray) -> bytes:
+    """Image ``k`` of a camera that puts its bits into pixels of 16."""
+    raw = messages.raw_image(float(k), "cam", np.zeros(values.shape, np.uint8))
+    message = messages.decoded(messages.IMAGE, raw)
+    message.encoding, message.step = "mono16", 2 * values.shape[1]
+    message.data = np.frombuffer(values.astype("<u2").tobytes(), np.uint8)
+    return messages.encoded(messages.IMAGE, message)
+
+
+def test_deep_images_of_a_live_topic_have_one_range() -> None:
+    ramp = np.linspace(0, 4000, 64 * 48).reshape(48, 64).astype(np.uint16)
+    topic = ImageTopic("/cam/image_raw")
+    for k, image in enumerate((ramp, ramp // 8, ramp, *[ramp // 8] * 9)):
+        np.testing.assert_array_equal(topic.stamped(deep_image(k, image))[1], image >> 4)
+    broken = ramp.copy()
+    broken[3, 5] = 65535
+    for k, image in enumerate((broken, ramp), 20):
+        t, seen, frame = topic.stamped(deep_image(k, image))
+        np.testing.assert_array_equal(seen, np.minimum(image >> 4, 255))
+        assert (t, frame) == (float(k), "cam")
 
 
 @pytest.mark.parametrize("t", [0.0, 0.1, 1795311423.5234127, -1.25, 2.0**31 - 1.0])

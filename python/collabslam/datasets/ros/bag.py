@@ -13,7 +13,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.gate import tell
-from collabslam.datasets.images import SAMPLED, depth_of, natural
+from collabslam.datasets.images import SAMPLED, common_depth, natural
 from collabslam.datasets.ros import messages as m
 from collabslam.datasets.ros.bounded import bound_decompression, leave_qos_alone
 from collabslam.datasets.ros.cut_mcap import as_far_as_whole
@@ -271,16 +271,16 @@ class BagImages:
 
     def __init__(self, bag: Bag, topic: str) -> None:
         self._bag, self._topic = bag, topic
-        rows, largest = [], 0
+        rows, largest = [], list[int]()
         every = max(1, sum(t.messages for t in bag.topics if t.name == topic) // SAMPLED)
         for k, (received, message) in enumerate(bag.messages(topic, *IMAGE_TYPES)):
             rows.append((_nanoseconds(message, received), received, k))
             if k % every == 0 or not m.is_compressed(message):
-                largest = max(largest, m.deepest(message))
+                largest.append(m.deepest(message))
         rows.sort()
-        self._bits = depth_of(largest)
-        if largest:
-            tell("depth of pixels", f"{self._bits} bits, by the largest value of all", topic)
+        self._bits = common_depth(largest)
+        if any(largest):
+            tell("depth of pixels", f"{self._bits} bits, by the largest values of all", topic)
         self.stamps = [stamp for stamp, _, _ in rows]
         tell("stamps", f"{len(rows)}, of the headers (of recording where one has none)", topic)
         self._received = [received for _, received, _ in rows]

@@ -182,7 +182,7 @@ def image_of(message: Any, where: str, bits: int = 16) -> Image:
     channels, kind, conversion = _ENCODINGS[encoding]
     pixels = _samples(message, channels, kind, where)
     grey = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
-    return shallow(np.ascontiguousarray(grey), bits, where)
+    return shallow(np.ascontiguousarray(grey), bits)
 
 
 def _samples(message: Any, channels: int, kind: str, where: str) -> Any:
