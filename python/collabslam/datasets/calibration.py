@@ -1,45 +1,29 @@
-"""Camera calibrations of every kind that people have: which keys of which program's files mean what.
+"""Camera calibrations of every kind that people have, and what stands beside the lens in them.
 
-Read are Kalibr camchains, EuRoC ``sensor.yaml``, OpenCV's and ROS's files and messages, the settings of VINS
-and ORB-SLAM, COLMAP's ``cameras.txt``, nerfstudio's ``transforms.json``, Record3D's ``metadata``,
-ARKitScenes' ``.pincam`` and SceneLib2's JSON.  All become one `collabslam._core.Camera`; see
-`collabslam.datasets.lens`.
+What programs write as keys is read by `collabslam.datasets.lens_programs`, what has no keys by
+`collabslam.datasets.lens_lines`; all becomes one `collabslam._core.Camera`, see `collabslam.datasets.lens`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.gate import Keys, data_lines, read_keys, tell, text_of
-from collabslam.datasets.lens import MODELS, lens, of_matrix
+from collabslam.datasets.gate import Keys, has_keys, read_keys, tell
+from collabslam.datasets.lens import lens, of_matrix
+from collabslam.datasets.lens_lines import camera_of_lines
+from collabslam.datasets.lens_programs import camera_of_keys
 from collabslam.datasets.poses import rigid
 from collabslam.errors import DataError
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Image
 
-_MATRIX = ("camera_matrix", "cameraMatrix", "camera_mat", "intrinsic_matrix", "mtx", "K", "k")
-_DISTORTION = (
-    "distortion_coefficients", "distortion_coeffs", "distortionCoefficients", "dist_coeffs", "dist_coeff",
-    "dist_coefs", "distCoeffs", "dist", "distortion", "D", "d",
-)  # fmt: skip
-_SIZE = ("resolution", "image_size", "imageSize", "img_size")
-_WIDTH, _HEIGHT = ("image_width", "imageWidth", "width", "w"), ("image_height", "imageHeight", "height", "h")
-_PROJECTION = ("projection_matrix", "P", "p")
 _RATE = ("rate", "Camera.fps", "fps")
 _DEPTH_SCALE = ("depth_scale", "DepthMapFactor", "RGBD.DepthMapFactor")
-_NO_LENS = (
-    "comment*", "camera_name", "sensor_type", "rate_hz", "header", "rectification_matrix", "R", "r", "*time",
-    "n*frames*", "nr_of_*", "board*", "square*", "marker*", "pattern*", "flags", "*reproj*", "*_error*",
-    "rms*", "image_points", "grid_points", "extrinsic_parameters", "aspect*", "fix*", "cam_overlaps",
-    "T_cam_imu", "T_imu_cam", "line_delay", "T_cn_cnm1", "rostopic", "timeshift_cam_imu",
-)  # fmt: skip
-"""Keys of calibrations that say nothing of the lens."""
 _DISTORTION_NAMES = {
     "pinhole": "none",
     "radtan": "radial-tangential",
@@ -72,11 +56,6 @@ class Calibration:
     mask: Path | None = None
 
 
-def is_rectified(topic: str) -> bool:
-    """Whether a topic's name says that its images are rectified: their lens is P, without distortion."""
-    return re.search(r"(^|[/_])rect(ified)?([/_]|$)", topic) is not None
-
-
 def of_keys(keys: Keys, topic: str = "") -> Calibration:
     """The calibration that a file or a message holds; all its keys are used, or passed over by name.
 
@@ -85,14 +64,13 @@ def of_keys(keys: Keys, topic: str = "") -> Calibration:
     DataError
         Naming the key that is missing, not known or not allowed.
     """
-    program = next((read for own, read in _PROGRAMS if keys.has(*own)), _opencv)
     rate = _positive(keys, *_RATE)
     depth_scale = _positive(keys, *_DEPTH_SCALE)
     t_bs = None
     if keys.has("T_BS"):
         t_bs = _transform(keys, "T_BS")
     mask = _mask(keys) if keys.has("mask") else None
-    return Calibration(program(keys, topic), rate, depth_scale, t_bs, mask)
+    return Calibration(camera_of_keys(keys, topic), rate, depth_scale, t_bs, mask)
 
 
 def _mask(keys: Keys) -> Path:
@@ -120,210 +98,6 @@ def _positive(keys: Keys, *names: str) -> float | None:
     return value
 
 
-def _opencv(keys: Keys, topic: str) -> Camera:
-    """Kalibr's block of a camera, EuRoC's, OpenCV's and ROS's files, and what follows their names."""
-    where = keys.where
-    own = keys.take("camera_model") if keys.has("camera_model") else None
-    model = "none" if own is None else str(own)
-    if is_rectified(topic):
-        projection = keys.numbers(*_PROJECTION, count=(12,))
-        intrinsics = [projection[k] for k in (0, 5, 2, 6)]
-        why = (
-            f"the images of {topic} are rectified: {'P' if keys.has('P', 'p') else 'projection_matrix'} holds"
-        )
-        keys.leave(*_MATRIX, *_DISTORTION, "distortion_model", "intrinsics", *_NO_LENS, why=why)
-        return lens("none", _size(keys), intrinsics, [], where)
-    if keys.has(*_MATRIX):
-        intrinsics = of_matrix(keys.numbers(*_MATRIX, count=(9,)), where)
-    else:
-        intrinsics = keys.numbers("intrinsics")
-        intrinsics = of_matrix(intrinsics, where) if len(intrinsics) == 9 else intrinsics
-    size = _size(keys)
-    given = keys.has(*_DISTORTION)
-    coefficients = keys.numbers(*_DISTORTION) if given else []
-    named = keys.take("distortion_model")
-    fisheye = bool(keys.take("fisheye_model", "fisheye"))
-    distortion = "fisheye" if fisheye else str(named or ("radtan" if coefficients else "none"))
-    undistorted = keys.has(*_PROJECTION) and not coefficients and _same_as_p(keys, intrinsics)
-    keys.leave(*_NO_LENS, *_PROJECTION)
-    if model.strip().lower() not in ("pinhole", "none"):
-        if len(intrinsics) == 4 or MODELS.get(distortion.strip().lower()) not in ("pinhole", "radtan"):
-            raise DataError(
-                f"The camera model '{model}' of {where} does not have such numbers; calibrate as 'pinhole'."
-            )
-        return lens(model, size, intrinsics, coefficients, where)
-    if len(intrinsics) != 4:
-        raise DataError(f"The key 'intrinsics' of {where} has {len(intrinsics)} numbers; 4 are needed.")
-    if undistorted and MODELS.get(distortion.strip().lower()) == "radtan":
-        distortion = "none"
-    return lens(distortion, size, intrinsics, coefficients, where)
-
-
-def _same_as_p(keys: Keys, intrinsics: list[float]) -> bool:
-    """Whether the projection of rectified images is that of the raw ones: then there is no distortion."""
-    p = keys.numbers(*_PROJECTION, count=(12,))
-    return bool(np.allclose([p[k] for k in (0, 5, 2, 6)], intrinsics))
-
-
-def _size(keys: Keys) -> list[float]:
-    if keys.has(*_SIZE):
-        return keys.numbers(*_SIZE, count=(2,))
-    if not keys.has(*_WIDTH) and not keys.has(*_MATRIX) and keys.has("intrinsics"):
-        keys.need(*_SIZE)
-    return [keys.number(*_WIDTH), keys.number(*_HEIGHT)]
-
-
-def _vins(keys: Keys, _: str) -> Camera:
-    """The lens of VINS-Mono and VINS-Fusion (camodocal)."""
-    kind = str(keys.need("model_type")).upper()
-    with keys.inside("projection_parameters") as p, keys.inside("distortion_parameters") as d:
-        if kind == "KANNALA_BRANDT":
-            intrinsics, coefficients = _each(p, "mu mv u0 v0"), _each(p, "k2 k3 k4 k5")
-            model = "fisheye"
-        elif kind == "MEI":
-            with keys.inside("mirror_parameters") as mirror:
-                intrinsics = [mirror.number("xi"), *_each(p, "gamma1 gamma2 u0 v0")]
-            model, coefficients = "omni", _each(d, "k1 k2 p1 p2")
-        elif kind in ("PINHOLE", "PINHOLE_FULL"):
-            intrinsics, model = _each(p, "fx fy cx cy"), "radtan"
-            coefficients = _each(d, "k1 k2 p1 p2" if kind == "PINHOLE" else "k1 k2 p1 p2 k3 k4 k5 k6")
-        else:
-            raise DataError(
-                f"The model_type '{kind}' of {keys.where} is not known; PINHOLE, MEI or KANNALA_BRANDT is."
-            )
-    size = _size(keys)
-    keys.leave("*", why="settings of VINS, not of the lens")
-    return lens(model, size, intrinsics, coefficients, keys.where)
-
-
-def _orb_slam(keys: Keys, _: str) -> Camera:
-    """The first camera of the settings of ORB-SLAM2 and 3."""
-    own = "Camera1." if keys.has("Camera1.fx") else "Camera."
-    kind = str(keys.take("Camera.type") if keys.has("Camera.type") else "PinHole")
-    intrinsics = _each(keys, "fx fy cx cy", own)
-    model = {"pinhole": "radtan", "kannalabrandt8": "fisheye", "rectified": "none"}.get(kind.lower())
-    if model is None:
-        raise DataError(
-            f"The Camera.type '{kind}' of {keys.where} is not known; PinHole or KannalaBrandt8 is."
-        )
-    names = {"radtan": "k1 k2 p1 p2", "fisheye": "k1 k2 k3 k4", "none": ""}[model]
-    more = " k3" if model == "radtan" and keys.has(f"{own}k3") else ""
-    coefficients = _each(keys, names + more, own)
-    size = [keys.number("Camera.width"), keys.number("Camera.height")]
-    why = "settings of ORB-SLAM, not of this lens"
-    keys.leave("Camera2.*", "Camera.[!kp]*", "[!C]*", why=why)
-    return lens(model, size, intrinsics, coefficients, keys.where)
-
-
-def _nerfstudio(keys: Keys, _: str) -> Camera:
-    """The lens of a ``transforms.json``, whose pixels begin at their corners, as COLMAP's do."""
-    frames = keys.take("frames") or []
-    if any(isinstance(frame, Mapping) and "fl_x" in frame for frame in frames):
-        raise DataError(f"{keys.where} has a lens of each frame; give a camera whose lens stays as it is.")
-    kind = str(keys.take("camera_model") if keys.has("camera_model") else "OPENCV").upper()
-    fx = keys.number("fl_x")
-    fy = keys.number("fl_y") if keys.has("fl_y") else fx
-    names = {"OPENCV": "k1 k2 p1 p2", "OPENCV_FISHEYE": "k1 k2 k3 k4"}.get(kind, "")
-    if kind not in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE"):
-        raise DataError(
-            f"The camera_model '{kind}' of {keys.where} is not known; OPENCV or OPENCV_FISHEYE is."
-        )
-    coefficients = [keys.number(name) if keys.has(name) else 0.0 for name in names.split()]
-    if kind == "OPENCV" and keys.has("k3"):
-        coefficients.append(keys.number("k3"))
-    zero = [name for name in ("k3", "k4", "p1", "p2") if keys.has(name) and keys.number(name) == 0.0]
-    centre = [keys.number("cx") - 0.5, keys.number("cy") - 0.5]
-    keys.leave(
-        "camera_angle_*", "applied_*", "orientation_override", "ply_file_path", "aabb*", "scale", "offset",
-        "*_filenames", *zero,
-    )  # fmt: skip
-    model = "fisheye" if kind == "OPENCV_FISHEYE" else "radtan" if any(coefficients) else "none"
-    return lens(model, _size(keys), [fx, fy, *centre], coefficients if model != "none" else [], keys.where)
-
-
-def _record3d(keys: Keys, _: str) -> Camera:
-    """The lens of Record3D's ``metadata``, whose K is column by column."""
-    k = np.asarray(keys.numbers("K", count=(9,))).reshape(3, 3).T
-    size = _size(keys)
-    keys.leave("poses", "initPose", "perFrame*", "d[wh]", "cameraType", "frameTimestamps", "*imestamps")
-    return lens("none", size, of_matrix(k.ravel().tolist(), keys.where), [], keys.where)
-
-
-def _scenelib(keys: Keys, _: str) -> Camera:
-    """The lens of SceneLib2's JSON."""
-    model = str(keys.need("model"))
-    intrinsics = _each(keys, "focal_length_x focal_length_y principal_point_x principal_point_y")
-    coefficients = [keys.number("radial_distortion_x")]
-    for name in ("skew", "tangential_distortion_x", "tangential_distortion_y"):
-        if keys.has(name) and keys.number(name) != 0.0:
-            raise DataError(f"The key '{name}' of {keys.where} is not zero; calibrate without it.")
-    keys.leave("radial_distortion_y", "measurement_noise")
-    return lens(model, _size(keys), intrinsics, coefficients, keys.where)
-
-
-def _elsewhere(keys: Keys, _: str) -> Camera:
-    other = keys.take("cam0_calib")
-    raise DataError(f"{keys.where} has its lens in another file ({other}); give that one with --camera.")
-
-
-def _each(keys: Keys, names: str, prefix: str = "") -> list[float]:
-    return [keys.number(prefix + name) for name in names.split()]
-
-
-_PROGRAMS: tuple[tuple[tuple[str, ...], Callable[[Keys, str], Camera]], ...] = (
-    (("projection_parameters", "model_type"), _vins),
-    (("Camera.fx", "Camera1.fx", "Camera.type"), _orb_slam),
-    (("fl_x", "camera_angle_x"), _nerfstudio),
-    (("poses", "perFrameIntrinsicCoeffs"), _record3d),
-    (("focal_length_x",), _scenelib),
-    (("cam0_calib",), _elsewhere),
-)
-"""Keys that only one program's files have, and how those are read."""
-
-_COLMAP = {
-    "SIMPLE_PINHOLE": ("none", "f cx cy"),
-    "PINHOLE": ("none", "fx fy cx cy"),
-    "SIMPLE_RADIAL": ("radtan", "f cx cy k1"),
-    "RADIAL": ("radtan", "f cx cy k1 k2"),
-    "OPENCV": ("radtan", "fx fy cx cy k1 k2 p1 p2"),
-    "FULL_OPENCV": ("radtan", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
-    "OPENCV_FISHEYE": ("fisheye", "fx fy cx cy k1 k2 k3 k4"),
-    "SIMPLE_RADIAL_FISHEYE": ("fisheye", "f cx cy k1"),
-    "RADIAL_FISHEYE": ("fisheye", "f cx cy k1 k2"),
-    "FOV": ("fov", "fx fy cx cy omega"),
-}
-"""COLMAP's models: ours, and the order of their parameters."""
-_ORDER = {"none": "", "radtan": "k1 k2 p1 p2 k3 k4 k5 k6", "fisheye": "k1 k2 k3 k4", "fov": "omega"}
-
-
-def _of_lines(path: Path) -> Calibration:
-    """A calibration without keys: COLMAP's ``cameras.txt``, or ``.pincam`` (width height fx fy cx cy)."""
-    lines = [fields for _, fields in data_lines(path)]
-    first = lines[0] if len(lines) == 1 else []
-    try:
-        if len(first) > 4 and first[1] in _COLMAP:
-            model, names = _COLMAP[first[1]]
-            size, numbers = [float(v) for v in first[2:4]], [float(v) for v in first[4:]]
-            told = dict(zip(names.split(), numbers, strict=True))
-            f = told.get("f", 0.0)
-            intrinsics = [told.get("fx", f), told.get("fy", f), told["cx"] - 0.5, told["cy"] - 0.5]
-            coefficients = [told.get(name, 0.0) for name in _ORDER[model].split()]
-            tell(f"COLMAP's {first[1]}", numbers, path)
-            return Calibration(lens(model, size, intrinsics, coefficients, str(path)))
-        if len(first) == 6:
-            numbers = [float(v) for v in first]
-            tell("width height fx fy cx cy", numbers, path)
-            return Calibration(lens("none", numbers[:2], numbers[2:], [], str(path)))
-    except ValueError as error:
-        raise DataError(
-            f"The calibration {path} has not the numbers of its model ({error}); correct it."
-        ) from error
-    raise DataError(
-        f"The file {path} holds no 'key: value' lines, nor a single camera of COLMAP's cameras.txt; give a "
-        "calibration in YAML."
-    )
-
-
 def read_calibration(path: Path, *, name: str | None = None, topic: str = "") -> Calibration:
     """Read a calibration file.
 
@@ -343,8 +117,8 @@ def read_calibration(path: Path, *, name: str | None = None, topic: str = "") ->
         If the file is missing or broken, naming the key that is missing or not known.
     """
     path = Path(path)
-    if not re.search(r"^[^#\n]*:|^\s*\{", text_of(path), re.MULTILINE):
-        return _of_lines(path)
+    if not has_keys(path):
+        return Calibration(camera_of_lines(path))
     with read_keys(path) as keys:
         cameras = [key for key in keys if re.fullmatch(r"cam\d+", key)]
         if not cameras:

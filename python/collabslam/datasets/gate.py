@@ -15,6 +15,7 @@ from contextvars import ContextVar
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -23,6 +24,7 @@ from collabslam.errors import DataError
 from collabslam.formats.files import read_text
 from collabslam.formats.yaml_text import load_yaml, once
 
+_PACKED = {b"\x1f\x8b": "gzip", b"PK": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"(\xb5/\xfd": "zstd"}
 _SHOWN = 12
 """Numbers of a value that are shown."""
 
@@ -117,6 +119,11 @@ class Keys:
         value = self._content.get(name)
         return value if isinstance(value, Mapping) else {}
 
+    def peek_number(self, *names: str) -> float | None:
+        """The number of a key that is still to be read; None if there is none."""
+        value = next((self._content[name] for name in names if self.has(name)), None)
+        return float(value) if isinstance(value, int | float) else None
+
     def need(self, *names: str) -> Any:
         """As `take`; DataError naming the first if there is none."""
         value = self.take(*names)
@@ -134,12 +141,13 @@ class Keys:
             # PyYAML reads 1e-05 as text, hence float() of each item.
             found = [float(x) for x in np.asarray(value, dtype=object).ravel().tolist()]
         except (TypeError, ValueError, OverflowError) as error:
-            raise DataError(f"{which} is not a list of numbers; correct it.") from error
+            raise DataError(f"{which} is not a list of numbers; correct it{_points(value)}.") from error
         if not np.isfinite(found).all():
             raise DataError(f"{which} holds a number that is not finite; correct it.")
         if count is not None and len(found) not in count:
             expected = " or ".join(map(str, count))
-            raise DataError(f"{which} has {len(found)} numbers; {expected} are needed.")
+            points = " (decimal commas? write points)" if len(found) > max(count) else ""
+            raise DataError(f"{which} has {len(found)} numbers; {expected} are needed{points}.")
         return found
 
     def number(self, *names: str) -> float:
@@ -163,6 +171,11 @@ class Keys:
             tell("passed over", f"{', '.join(self._prefix + key for key in known)} ({why})", self.where)
 
 
+def has_keys(path: Path) -> bool:
+    """Whether a file has keys, in YAML, JSON or XML, or is lines of numbers alone."""
+    return re.search(r"^[^#\n]*:|^\s*[{<]", text_of(path), re.MULTILINE) is not None
+
+
 def read_keys(path: Path) -> Keys:
     """The keys of a YAML or JSON file; of OpenCV's FileStorage dialect, too.
 
@@ -173,11 +186,17 @@ def read_keys(path: Path) -> Keys:
     """
     text = text_of(path)
     try:
-        is_json = re.match(r'\s*\{\s*"', text) is not None
-        content = json.loads(text, object_pairs_hook=once) if is_json else _yaml(text)
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        if text.lstrip().startswith("<"):
+            content: Any = _xml(text)
+        elif re.match(r'\s*\{\s*"', text):
+            content = json.loads(text, object_pairs_hook=once)
+        else:
+            content = _yaml(text)
+    except (ValueError, RecursionError, yaml.YAMLError, ElementTree.ParseError) as error:
         reason = " ".join(str(error).split())
-        raise DataError(f"The file {path} is not valid YAML or JSON ({reason}); correct it.") from error
+        raise DataError(
+            f"The file {path} is not valid YAML, JSON or OpenCV's XML ({reason}); correct it."
+        ) from error
     if not isinstance(content, dict):
         raise DataError(f"The file {path} holds no 'key: value' lines; give it in YAML.")
     return Keys(content, path)
@@ -186,16 +205,48 @@ def read_keys(path: Path) -> Keys:
 def _yaml(text: str) -> Any:
     # All but OpenCV's header and tag is YAML; its own parser writes beyond its memory in broken files.
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
-    body = body.replace("!!opencv-matrix", "")
-    return load_yaml(re.sub(r"(\A\s*|\n)---\s*\Z", "\n", body))
+    body = re.sub(r":\t+", ": ", body.replace("!!opencv-matrix", ""))
+    parts = [part for part in re.split(r"(?m)^---\s*$", body) if part.strip()]
+    if len(parts) < 2:
+        return load_yaml(parts[0] if parts else "")
+    # 'ros2 topic echo' writes one message after the other.
+    first, *others = [load_yaml(part) for part in parts]
+    alike = [{**one, "header": None} if isinstance(one, dict) else one for one in (first, *others)]
+    if any(one != alike[0] for one in alike):
+        raise ValueError("it holds several documents that differ: give one of them")
+    return first
+
+
+def _xml(text: str) -> dict[str, Any]:
+    """OpenCV's FileStorage in XML: the keys of its elements, matrices as in its YAML."""
+    if "<!" in text:
+        raise ValueError("it has declarations")
+    root = ElementTree.fromstring(text)
+    if root.tag != "opencv_storage":
+        raise ValueError(f"it is XML of another kind ('{root.tag}'); save it as OpenCV's, or as YAML")
+    return once((child.tag, _xml_value(child)) for child in root)
+
+
+def _xml_value(element: ElementTree.Element) -> Any:
+    inner = {child.tag: (child.text or "").split() for child in element}
+    text = (element.text or "").strip()
+    return inner or (float(text) if is_number(text) else text.strip('"'))
 
 
 def text_of(path: Path) -> str:
     """The text of a file; DataError if it cannot be read as such."""
     try:
         return read_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"The file {path} cannot be read as text; give an existing text file.") from error
+    except UnicodeDecodeError as error:
+        packed = next((kind for head, kind in _PACKED.items() if error.object.startswith(head)), None)
+        line = error.object.count(b"\n", 0, error.start) + 1
+        why = f"it is packed ({packed}); unpack it" if packed else f"line {line} is not UTF-8; save it so"
+        raise DataError(f"The file {path} cannot be read as text: {why}.") from error
+    except OSError as error:
+        why = error.strerror or "no file"
+        raise DataError(
+            f"The file {path} cannot be read as text ({why}); give an existing text file."
+        ) from error
 
 
 def data_lines(path: Path) -> list[tuple[int, list[str]]]:
@@ -215,13 +266,19 @@ def data_lines(path: Path) -> list[tuple[int, list[str]]]:
                 f"Line {number} of {path} has decimal commas ('{parts[0]}'); write numbers with points (or, "
                 "if the comma parts two columns, put a blank after it)."
             )
-        fields = re.sub(r"[,;]", " ", line).split()
+        fields = re.sub(r'[,;"]', " ", line).split()
         if fields:
             out.append((number, fields))
     if len(out) > 1 and not any(map(is_number, out[0][1])) and any(map(is_number, out[1][1])):
         tell("passed over", f"line {out[0][0]} (names of columns)", path)
         out = out[1:]
     return out
+
+
+def _points(value: object) -> str:
+    """What to say of a text with a decimal comma."""
+    text = value if isinstance(value, str) else ""
+    return " (it has a decimal comma: write a point)" if re.search(r"\d,\d", text) else ""
 
 
 def is_number(text: str) -> bool:

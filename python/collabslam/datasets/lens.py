@@ -18,15 +18,35 @@ from collabslam.types import Array
 
 MODELS = {**dict(Camera.models()), "fov": "fov", "ds": "ds", "eucm": "eucm"}
 """Our name of each model of distortion, or that of one which is carried to a fisheye."""
+_ALSO = {
+    "kannala_brandt4": "fisheye", "kannalabrandt": "fisheye", "kb4": "fisheye", "opencv_fisheye": "fisheye",
+    "radtan8": "radtan", "radial_tangential8": "radtan", "full_opencv": "radtan",
+}  # fmt: skip
+"""Further names, in the form that `model_of` looks for."""
+_INVERSE = "inverse_brown_conrady"
+"""RealSense's colour cameras: its numbers lead from distorted to undistorted, and are often all 0."""
 COUNTS = {"pinhole": (0,), "radtan": (4, 5, 8), "fisheye": (4,), "wideangle": (1,)}
 _MOST_RATIO = 3.0
 """Of fx to fy, either way."""
 _LEAST_FOCAL = 0.05
 """Share of the picture's larger side below which a focal length is not in pixels."""
+_ALIKE = 0.2
+"""By which share focal lengths, and the centre and the picture's middle, differ at most as a rule."""
 _MOST_APART = 1.0
 """Pixels by which a lens may be off that was carried to another model."""
+_DECIMALS = 4
+"""So many numbers of a distortion are not all whole."""
 _STEEPEST = 0.05
 """Least cosine of a ray to the optical axis that counts: our models end before 90 degrees."""
+
+
+def model_of(name: str) -> str | None:
+    """The model of `MODELS` that a name means, however it is written; None if none is."""
+    plain = name.strip().lower().removeprefix("distortion.")
+    if plain in MODELS:
+        return MODELS[plain]
+    plain = plain.replace("-", "_").replace(" ", "_").removeprefix("pinhole_")
+    return MODELS.get(plain, _ALSO.get(plain))
 
 
 def check_picture(size: Sequence[float], intrinsics: Sequence[float], where: str) -> tuple[int, int]:
@@ -43,6 +63,12 @@ def check_picture(size: Sequence[float], intrinsics: Sequence[float], where: str
         raise DataError(f"{where} is for pictures of {width:g} x {height:g}; give whole pixels.")
     if not (min(fx, fy) > 0.0 and max(fx / fy, fy / fx) <= _MOST_RATIO):
         raise DataError(f"{where} has fx {fx:g} and fy {fy:g}, which no camera has; give both in pixels.")
+    exchanged = max(abs(fx / cx - 1.0), abs(fy / width - 0.5), abs(cy / height - 0.5)) < _ALIKE
+    if exchanged and max(fx / fy, fy / fx) > 1.0 + _ALIKE:
+        raise DataError(
+            f"{where} has {fx:g}, {fy:g}, {cx:g}, {cy:g}, which looks like fx, cx, fy, cy; give fx, fy, cx, "
+            "cy."
+        )
     if max(fx, fy) < _LEAST_FOCAL * max(size):
         raise DataError(
             f"{where} has a focal length of {fx:g} for {width:g} x {height:g}; give it in pixels (times the "
@@ -96,7 +122,9 @@ def lens(
         If the model is not known or lacks its coefficients, or numbers are not a camera's.
     """
     name = model.strip().lower()
-    kind = "omni" if name == "omni" else MODELS.get(name)
+    if name.removeprefix("distortion.").replace(" ", "_") == _INVERSE and not any(coefficients):
+        model, name, coefficients = "none", "none", []
+    kind = "omni" if name == "omni" else model_of(name)
     if kind is None:
         known = ", ".join(sorted({"omni", *MODELS} - {""}))
         raise DataError(
@@ -106,6 +134,8 @@ def lens(
     if kind in _RAYS:
         return _carried(kind, (width, height), intrinsics, coefficients, where)
     given = list(coefficients)
+    if len(given) >= _DECIMALS and any(given) and all(c == int(c) for c in given):
+        raise DataError(f"The distortion of {where} is whole numbers; write decimal points (no commas).")
     while given and given[-1] == 0.0 and len(given) not in COUNTS[kind]:
         given.pop()
     if kind == "radtan" and len(given) == 8 and not any(given[5:]):

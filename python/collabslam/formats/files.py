@@ -66,8 +66,10 @@ def check_name(path: Path) -> None:
 
 
 def read_text(path: Path) -> str:
-    """The text of a regular UTF-8 file without its byte order mark; raises UnicodeDecodeError as well."""
-    return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
+    """The text of a regular file, UTF-8, or UTF-16 with its mark; raises UnicodeDecodeError as well."""
+    data = read_bytes(path)
+    marked = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return data.decode("utf-16" if marked else "utf-8-sig").replace("\r\n", "\n")
 
 
 def read_own_text(path: Path) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import gzip
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from collabslam.datasets import load_camera
+from collabslam.datasets import load_camera, open_recording
 from collabslam.datasets.calibration import load_rig, read_calibration
 from collabslam.datasets.gate import Fact, listening
 from collabslam.datasets.lens import lens
@@ -100,7 +102,72 @@ SCENELIB = {
     "principal_point_x": 31.5, "principal_point_y": 23.5, "radial_distortion_x": 9e-6,
 }  # fmt: skip
 COLMAP = "# Camera list\n1 OPENCV 64 48 40 41 32 24 -0.28 0.07 0.0002 2e-05\n"
+PLAIN = (
+    "fx: 40\nfy: 41\ncx: 31.5\ncy: 23.5\nk1: -0.28\nk2: 0.07\np1: 0.0002\np2: 2e-05\nwidth: 64\nheight: 48\n"
+)
+REALSENSE = {
+    "width": 64, "height": 48, "ppx": 31.5, "ppy": 23.5, "fx": 40, "fy": 41, "coeffs": [0, 0, 0, 0, 0],
+    "model": "distortion.inverse_brown_conrady",
+}  # fmt: skip
+ECHO = (
+    "header:\n  stamp:\n    sec: SEC\n  frame_id: cam\nheight: 48\nwidth: 64\ndistortion_model: plumb_bob\n"
+    f"d: {[*LENS, 0.0]}\nk: {K}\nr: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"
+    "p: [40, 0, 31.5, 0, 0, 41, 23.5, 0, 0, 0, 1, 0]\nbinning_x: 0\nbinning_y: 0\n"
+    "roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: false}\n---\n"
+)
+STELLA = (
+    "Camera:\n  name: a\n  setup: monocular\n  model: perspective\n  fx: 40\n  fy: 41\n  cx: 31.5\n"
+    "  cy: 23.5\n  k1: -0.28\n  k2: 0.07\n  p1: 0.0002\n  p2: 2e-05\n  fps: 20\n  cols: 64\n  rows: 48\n"
+    "Feature: {name: a}\n"
+)
+OPENVSLAM = (
+    "Camera.model: fisheye\nCamera.fx: 40\nCamera.fy: 41\nCamera.cx: 31.5\nCamera.cy: 23.5\n"
+    "Camera.k1: -0.28\nCamera.k2: 0.07\nCamera.k3: 0.0002\nCamera.k4: 2e-05\n"
+    "Camera.cols: 64\nCamera.rows: 48\n"
+)
+KB4 = dict(zip(["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"], [40, 41, 31.5, 23.5, *LENS], strict=True))
+BASALT = {
+    "value0": {
+        "T_imu_cam": [{"px": 0}],
+        "intrinsics": [{"camera_type": "kb4", "intrinsics": KB4}],
+        "resolution": [[64, 48]],
+    }
+}
+INSTANT_NGP = {k: v for k, v in NERF.items() if k not in ("camera_model", "p1", "p2")} | {
+    "is_fisheye": True,
+    "k3": LENS[2],
+    "k4": LENS[3],
+}
+XML = (
+    '<?xml version="1.0"?>\n<opencv_storage>\n<image_width>64</image_width>\n'
+    "<image_height>48</image_height>\n"
+    '<camera_matrix type_id="opencv-matrix">\n  <rows>3</rows>\n  <cols>3</cols>\n  <dt>d</dt>\n'
+    f"  <data>\n    {' '.join(map(str, K))}</data></camera_matrix>\n"
+    '<distortion_coefficients type_id="opencv-matrix">\n  <rows>5</rows>\n  <cols>1</cols>\n  <dt>d</dt>\n'
+    f"  <data>\n    {' '.join(map(str, LENS))} 0.</data></distortion_coefficients>\n</opencv_storage>\n"
+)
+FISHEYE = ("fisheye", *RADTAN[1:])
 FILES = {
+    "plain": (PLAIN, RADTAN),
+    "plain-straight": (
+        re.sub(r"(?m)^[kp](\d): .*$", r"k\1: 0", PLAIN.replace("p1", "k3").replace("p2", "k4")),
+        PINHOLE,
+    ),
+    "plain-fisheye": (PLAIN.replace("p1", "k3").replace("p2", "k4") + "distortion_model: kb4\n", FISHEYE),
+    "realsense": (json.dumps(REALSENSE), PINHOLE),
+    "echo": (ECHO.replace("SEC", "1") + ECHO.replace("SEC", "2"), RADTAN),
+    "stella": (STELLA, RADTAN),
+    "openvslam": (OPENVSLAM, FISHEYE),
+    "basalt": (json.dumps(BASALT), FISHEYE),
+    "instant-ngp": (json.dumps(INSTANT_NGP), FISHEYE),
+    "open3d": (
+        '{"width": 64, "height": 48, "intrinsic_matrix": [40, 0, 0, 0, 41, 0, 31.5, 23.5, 1]}',
+        PINHOLE,
+    ),
+    "xml": (XML, RADTAN),
+    "dso": ("RadTan 40 41 31.5 23.5 -0.28 0.07 0.0002 0.00002\n64 48\ncrop\n64 48\n", RADTAN),
+    "dso-shares": ("Pinhole 0.625 0.75 0.5 0.5 0\n64 48\n", (*PINHOLE[:2], (40, 36, 31.5, 23.5), ())),
+    "tabs": (PLAIN.replace(": ", ":\t"), RADTAN),
     "opencv": (OPENCV.format(fisheye=0), RADTAN),
     "opencv-fisheye": (OPENCV.format(fisheye=1), ("fisheye", *RADTAN[1:])),
     "script": (SCRIPT, RADTAN),
@@ -143,7 +210,7 @@ def test_what_stands_beside_the_lens_is_heard(tmp_path: Path) -> None:
 
 
 LEFT_OVER = {
-    **{name: (load_camera, text) for name, (text, _) in FILES.items() if ":" in text},
+    **{name: (load_camera, text) for name, (text, _) in FILES.items() if ":" in text and name != "echo"},
     "recording": (
         lambda p: collab._read_header(p.parent),
         "format: collabslam-recording\nversion: 1\nname: a\n",
@@ -224,6 +291,51 @@ def test_what_no_camera_has_is_refused(tmp_path: Path, change: tuple[str, str], 
         read(tmp_path, SCRIPT.replace(*change))
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ECHO.replace("x_offset: 0", "x_offset: 10"), "cropped"),
+        (ECHO + ECHO.replace("40.0", "50.0"), "documents that differ"),
+        (json.dumps(REALSENSE | {"coeffs": [0.1, 0, 0, 0, 0]}), "inverse_brown_conrady.*not supported"),
+        (SCRIPT.replace(str(LENS), "[-0.01, 0.02, -0.03, 0.01]"), "does not say of which lens"),
+        (PLAIN.replace("p1", "k3").replace("p2", "k4").replace("2e-05", "0.1"), "does not say of which lens"),
+        (PLAIN.replace("40", "40,5"), "decimal comma"),
+        (SCRIPT.replace(str(LENS), "[-0,28, 0,07, 0,0002, 0,00002]"), "whole numbers"),
+        (KALIBR.replace("[40, 41, 31.5, 23.5]", "[40,1, 41,1, 31,5, 23,5]"), "decimal commas"),
+        (KALIBR.replace("[40, 41, 31.5, 23.5]", "[50, 31.5, 50.1, 23.5]"), "looks like fx, cx, fy, cy"),
+        ("M1: [1, 2]\nD1: [0]\n", "lacks the key 'intrinsics'.*'M1', 'D1'"),
+        ("<calibration><f>40</f></calibration>", "XML of another kind"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage>&b;</opencv_storage>', "declarations"),
+        (COLMAP + COLMAP.replace("\n1 ", "\n2 "), "2 cameras"),
+        ("1 THIN_PRISM_FISHEYE 64 48 40 41 32 24 0 0 0 0 0 0 0 0\n", "THIN_PRISM_FISHEYE.*not read"),
+        ("40 0 31.5\n0 41 23.5\n0 0 1\n", "does not say the size"),
+    ],
+)  # fmt: skip
+def test_what_may_be_meant_in_two_ways_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(DataError, match=words):
+        read(tmp_path, text)
+
+
+def test_texts_are_utf_8_or_say_what_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_bytes(PLAIN.encode("utf-16"))
+    assert numbers(load_camera(path)) == RADTAN
+    for data, words in ((gzip.compress(b"a"), "gzip"), (b"a: 1\n# f\xfcr\n", "line 2 is not UTF-8")):
+        path.write_bytes(data)
+        with pytest.raises(DataError, match=words):
+            load_camera(path)
+
+
+@pytest.mark.parametrize("name", ["colmap", "pincam", "dso", "xml"])
+def test_a_recording_takes_a_lens_without_keys(tmp_path: Path, name: str) -> None:
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((48, 64), 100 + k, np.uint8))
+    (tmp_path / "lens").write_text(FILES[name][0])
+    (tmp_path / "times").write_text("0.0\n0.1\n0.2\n")
+    recording = open_recording(tmp_path, camera=tmp_path / "lens", times=tmp_path / "times")
+    assert numbers(recording.camera) == FILES[name][1]
+
+
 def test_a_camchain_gives_the_camera_that_is_meant(tmp_path: Path) -> None:
     chain = KALIBR + SECOND
     assert read(tmp_path, chain).intrinsics[0] == 40
@@ -250,7 +362,10 @@ def test_rectified_images_have_the_lens_p() -> None:
     p = [34.0, 0, 31, 0, 0, 34, 23, 0, 0, 0, 1, 0]
     camera = camera_of(message(LENS, p), "x", "/cam/image_rect_color/compressed")
     assert numbers(camera) == ("pinhole", (64, 48), (34, 34, 31, 23), ())
+    assert camera_of(message(LENS, p), "x", "/cam/imageRectified").model == "pinhole"
     assert camera_of(message(LENS, p), "x", "/cam/direct/image_raw").model == "radtan"
+    with pytest.raises(DataError, match="undistorted by their name"):
+        camera_of(message(LENS, p), "x", "/cam/image_undistorted")
     raw = [40.0, 0, 31.5, 0, 0, 41, 23.5, 0, 0, 0, 1, 0]
     assert camera_of(message([], raw), "x").model == "pinhole"  # nothing is changed by rectifying it
     with pytest.raises(DataError, match="'plumb_bob' and has 0 numbers"):

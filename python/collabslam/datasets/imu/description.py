@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collabslam.datasets.gate import Keys, read_keys, tell
+from collabslam.datasets.gate import Keys, has_keys, read_keys, tell
 from collabslam.datasets.poses import AXES, rigid
 from collabslam.errors import DataError
 from collabslam.geometry import pose_inverse
@@ -112,10 +112,15 @@ def read_imu_file(path: Path) -> ImuFile:
 
 def of_camera_file(path: Path) -> ImuFile:
     """What the calibration of Cs says of the sensor beside it: the mount and clock of a camchain-imucam."""
-    with read_keys(path) as keys:
-        cameras = sorted(key for key in keys if re.fullmatch(r"cam\d+", key))
-        told = [c for c in cameras if {*_T_CI, *_T_IC} & set(keys.peek(c))]
-        found = _of_camchain(keys, cameras) if told else ImuFile()
+    if not has_keys(path):
+        return ImuFile()
+    keys = read_keys(path)
+    cameras = sorted(key for key in keys if re.fullmatch(r"cam\d+", key))
+    told = [c for c in cameras if {*_T_CI, *_T_IC} & set(keys.peek(c))]
+    if not told:
+        return ImuFile()  # a calibration of the lens alone, which its own reader checks
+    with keys:
+        found = _of_camchain(keys, cameras)
         keys.leave("*", why="of the lens")
     return found
 

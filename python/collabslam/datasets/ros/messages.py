@@ -13,7 +13,7 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import of_keys
 from collabslam.datasets.gate import Keys
 from collabslam.datasets.images import decode, deep, largest_value, shallow
-from collabslam.datasets.lens import MODELS
+from collabslam.datasets.lens import model_of
 from collabslam.errors import DataError
 from collabslam.geometry import fixed_to_tangent, pose_from_quaternion, rounded_covariance
 from collabslam.types import Array, Image
@@ -224,16 +224,14 @@ def camera_of(message: Any, where: str, topic: str = "") -> Camera:
             f"The CameraInfo of {where} is not calibrated (K is zero); give --camera FILE ('collabslam "
             "init --board' makes one)."
         )
-    size, roi = (message.width, message.height), message.roi
-    whole = (roi.x_offset, roi.y_offset) == (0, 0) and (roi.width, roi.height) in ((0, 0), size)
-    if max(message.binning_x, message.binning_y) > 1 or not whole:
-        raise DataError(
-            f"The CameraInfo of {where} is for binned or cropped images; give --camera FILE for these images."
-        )
     model = str(message.distortion_model)
-    if len(lens["d"]) and not np.any(lens["d"]) and MODELS.get(model) == "radtan":
+    if len(lens["d"]) and not np.any(lens["d"]) and model_of(model) == "radtan":
         model = "none"
-    content = lens | {"distortion_model": model, "width": size[0], "height": size[1]}
+    content = lens | {
+        "distortion_model": model,
+        "roi": {name: getattr(message.roi, name) for name in ("x_offset", "y_offset", "width", "height")},
+        **{name: getattr(message, name) for name in ("width", "height", "binning_x", "binning_y")},
+    }
     with Keys(content, f"CameraInfo of {where}") as keys:
         return of_keys(keys, topic).camera
 
