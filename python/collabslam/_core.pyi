@@ -2042,6 +2042,8 @@ class UpdateReport:
     worn_error : (6,) float64
         Estimated error of T_CF of the first view after the update, (translation m, rotation rad), right
         tangent.
+    worn_error_covariance : (6, 6) float64
+        What is left of its covariance after the update, in the filter's own model.
     worn_poses : dict of int to (pose, covariance)
         Where the worn cameras were whose views were measured, by their numbers: T_WF (4, 4), metres, and
         its covariance (6, 6) over (translation m, rotation rad), right tangent.
@@ -2069,6 +2071,8 @@ class UpdateReport:
     def exact(self) -> bool: ...
     @property
     def worn_error(self) -> NDArray[np.float64]: ...
+    @property
+    def worn_error_covariance(self) -> NDArray[np.float64]: ...
     @property
     def worn_poses(self) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
     @property

@@ -4,12 +4,16 @@ A map that has lost its scale puts its points where Cf does not show them.  Look
 not found, and what Cf could tell is not asked.  So those that match along their whole line are compared:
 points of a map that is right are where it says, those of one that is too small or too large are all off by
 one factor, and wrong matches are off by any (METHOD 22).
+
+What the updates find |t_CF| to be off by is asked, too: a T_CF whose lengths change takes the map with it,
+a little in each view, and always the same way.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from collabslam._core import SURE_LEVEL, chi2_quantile
 from collabslam.types import Array
 
 LEAST = 5
@@ -20,6 +24,8 @@ _TIMES = 2.0
 """By how much more points must be at one other size than at the map's own."""
 LAST_VIEWS, _LEAST_VIEWS = 7, 3
 """Views that together speak for a run: most of the last ones, that many at least."""
+WINDOWS = (7, 15, 30)
+"""Last views whose lengths are asked together: a change shows in few, one that creeps in many."""
 
 
 def ask_size(ratio: Array, sd: Array) -> float:
@@ -51,3 +57,21 @@ def contradicted_size(against: Array) -> bool:
     """
     told = against[~np.isnan(against)][-LAST_VIEWS:]
     return len(told) >= _LEAST_VIEWS and bool(np.mean(told > 1.0) > 0.5)
+
+
+def contradicted_length(lengths: Array) -> bool:
+    """Whether |t_CF| is off the same way in the last views, more than errors within its covariance are.
+
+    Parameters
+    ----------
+    lengths : (N, 3) float64
+        Of each view: error of |t_CF| as the update finds it, in standard deviations; share of its variance
+        that the update took away, which is the variance of the first number; share of it that lasts.
+    """
+    limit = chi2_quantile(1.0 - (1.0 - SURE_LEVEL) / len(WINDOWS), 1)
+    for count in WINDOWS:
+        error, told, lasting = lengths[-count:].T
+        variance = told.sum() * (1.0 + (len(error) - 1) * lasting.mean()) if len(error) >= count else 0.0
+        if variance > 0.0 and error.sum() ** 2 > limit * variance:
+            return True
+    return False

@@ -101,7 +101,7 @@ class ConsistencyMonitor(PersistentState):
                 self._worn = self._worn | {seen.number: known | {"against": against}}
         if report.accepted:
             self._take(report, found, change)
-            self._take_worn(overlap.with_outcomes(report), report.worn_error)
+            self._take_worn(overlap.with_outcomes(report), report)
         return self.standing()
 
     def standing(self) -> str:
@@ -136,7 +136,9 @@ class ConsistencyMonitor(PersistentState):
         ended = len(change.delayed) + len(change.off_arc)
         self._births = _last(self._births, [passed, ended], _LAST_BIRTHS)
 
-    def _take_worn(self, overlaps: list[tuple[Overlap, MeasurementOutcomes | None]], error: Array) -> None:
+    def _take_worn(
+        self, overlaps: list[tuple[Overlap, MeasurementOutcomes | None]], report: UpdateReport
+    ) -> None:
         first = next((seen for seen, pairs in overlaps if pairs is not None), None)  # the error is its
         looked = {seen.number: (seen, outcomes) for seen, outcomes in overlaps if seen.points}
         worn = {}
@@ -154,7 +156,10 @@ class ConsistencyMonitor(PersistentState):
                 matches = _last(matches, [wrong, len(seen.ids)], _LAST)
                 # Of a view of another time the motion in between is in the error, too.
                 if seen is first and seen.given is seen.worn:
-                    moved = _last(moved, seen.moved(error, self._bias_share), _LAST)
+                    error, left = report.worn_error, report.worn_error_covariance
+                    square, lasting = seen.moved(error, self._bias_share)
+                    moved = _last(moved, [square, lasting], _LAST)
+                    self._size.take_length(number, *seen.length(error, left), lasting)
             worn[number] = known | {"matches": matches, "moved": moved, "without": without}
         self._worn = worn
 

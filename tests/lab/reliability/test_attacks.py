@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections import Counter
 from dataclasses import replace
@@ -181,6 +182,29 @@ def test_a_stabilised_camera_is_told_by_its_enlarged_image_alone(crop: float, to
     larger = Camera("pinhole", 720, 480, (620.0 * crop, 620.0 * crop, 359.5, 239.5))
     pixels = [larger.project(points @ turned[:3, :3]).uv, right.project(points - t_cf[:3, 3]).uv]
     assert (_against(pixels, t_cf, (620.0, 620.0)) > 1.0) == told
+
+
+@pytest.mark.parametrize(("by", "told"), [(10.0, False), (60.0, True)])
+def test_a_picture_that_sways_is_told_where_it_is_turned_by_more_than_t_cf_may_be(
+    by: float, told: bool
+) -> None:
+    """Moved by so many pixels, athwart the baseline; what a turn by a / f leaves of that is a u^2 / f^2."""
+    points = np.random.default_rng(1).uniform((-2.0, -1.5, 5.0), (2.0, 1.5, 20.0), (80, 3))
+    t_cf = pose(np.eye(3), np.array([-0.74, -0.76, 0.19]))
+    right = Camera("pinhole", 720, 480, (620.0, 620.0, 359.5, 239.5))
+    turned = se3_exp([0.0, 0.0, 0.0, by / 620.0, by / 620.0, 0.0])[:3, :3]
+    swayed, seen = right.project(points).uv + np.array([by, -by]), right.project(points - t_cf[:3, 3]).uv
+    assert np.abs(swayed - right.project(points @ turned.T).uv).max() < 0.5 * by
+    assert (_against([swayed, seen], t_cf, (620.0, 620.0)) > 1.0) == told
+
+
+def test_every_attack_on_a_checkpoint_or_a_map_changes_what_is_there(ground: Ground, tmp_path: Path) -> None:
+    """One on something that there is no more would end the whole suite."""
+    for k, attack in enumerate(a for a in ATTACKS if a.group in ("checkpoint", "map")):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        assert attack.make(Scene(folder, ground)).words, attack
+        shutil.rmtree(folder)
 
 
 def test_the_processes_run_this_python() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collabslam.frontend.worn_size import LEAST, ask_size, contradicted_size
+from collabslam.frontend.worn_size import LEAST, ask_size, contradicted_length, contradicted_size
 
 SD = np.full(12, 0.05)
 
@@ -49,3 +49,29 @@ def test_a_run_is_degraded_by_most_of_its_last_views() -> None:
     }
     for views, degraded in said.items():
         assert contradicted_size(np.array(views)) is degraded, views
+
+
+def lengths(told: float, lasting: float, seed: int, off: float = 0.0, views: int = 30) -> np.ndarray:
+    """Errors of |t_CF| of views, of which a share of the variance lasts, as an update finds them."""
+    rng = np.random.default_rng(seed)
+    error = np.sqrt(lasting) * rng.standard_normal() + np.sqrt(1 - lasting) * rng.standard_normal(views)
+    return np.column_stack([np.sqrt(told) * (error + off), np.full(views, told), np.full(views, lasting)])
+
+
+def test_lengths_within_their_covariance_contradict_nothing() -> None:
+    for told, lasting in ((1.0, 0.0), (0.4, 0.0), (0.8, 0.9), (0.8, 1.0)):
+        assert not any(contradicted_length(lengths(told, lasting, seed)) for seed in range(300))
+
+
+def test_lengths_that_are_all_off_the_same_way_do() -> None:
+    """By 1.5 sigma in each of thirty views, where no error lasts; by what no lasting one is, where all do."""
+    assert all(contradicted_length(lengths(0.8, 0.0, seed, off=1.5)) for seed in range(50))
+    assert all(contradicted_length(lengths(0.8, 0.0, seed, off=-1.5)) for seed in range(50))
+    assert not any(contradicted_length(lengths(0.8, 0.9, seed, off=1.0)) for seed in range(50))
+    assert all(contradicted_length(lengths(0.8, 0.9, seed, off=8.0)) for seed in range(50))
+
+
+def test_a_length_that_no_view_tells_says_nothing() -> None:
+    assert not contradicted_length(np.empty((0, 3)))
+    assert not contradicted_length(np.array([[9.0, 0.9, 0.0]] * 6))
+    assert not contradicted_length(np.zeros((30, 3)))

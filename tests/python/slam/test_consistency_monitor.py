@@ -47,6 +47,7 @@ def report(
         nis=nis,
         dof=2 * FOUND,
         worn_error=error,
+        worn_error_covariance=0.5 * VIEW.covariance,
     )
 
 
@@ -181,6 +182,27 @@ def test_a_map_begun_by_cf_alone_stays_degraded_until_the_camera_is_in_another()
     assert size.inconsistent
     size.leave(contradicted=False)
     assert not size.inconsistent
+
+
+def test_lengths_of_t_cf_that_have_changed_are_told_until_the_camera_is_in_another_map() -> None:
+    """Ten views off by 1.5 sigma along the baseline, which turns no epipolar line, then good ones."""
+    size = MapSize()
+    judge = ConsistencyMonitor(FilterSettings(), size)
+    t_cf = pose(np.eye(3)[[1, 2, 0]], [0.0, 0.0, -1.0])
+    view = replace(VIEW, t_cf=t_cf, bias=0.0 * VIEW.covariance)
+    shown = Overlaps((replace(seen(0.1).each[0], given=view, worn=view),))
+    along = 0.03 * np.concatenate([t_cf[:3, :3].T @ t_cf[:3, 3], np.zeros(3)])
+
+    def said(sigmas: float, views: int = 1) -> str:
+        update = report(error=sigmas * along)
+        return [judge.judge(update, FOUND, shown, born()) for _ in range(views)][-1]
+
+    assert said(0.1, 20) == NOTHING
+    assert said(1.5, 5) == NOTHING
+    assert said(1.5, 10) == "size"
+    assert said(0.1, 60) == "size"
+    size.leave(contradicted=False)
+    assert said(0.1) == NOTHING
 
 
 def test_a_calibration_that_goes_wrong_on_the_way_is_degraded() -> None:

@@ -12,7 +12,6 @@ use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::settings::{Mode, WornErrors};
-use nalgebra::Vector6;
 use validation::Test;
 
 impl Filter {
@@ -111,9 +110,10 @@ impl Filter {
         }
         self.settle_odometry();
         self.measure_later(together, z, &mut used, report, scratch);
-        report.worn_error = z.first_view().map_or(Vector6::zeros(), |worn| {
-            self.memory.state.worn_error(worn.who)
-        });
+        if let Some(worn) = z.first_view() {
+            report.worn_error = self.memory.state.worn_error(worn.who);
+            report.worn_error_covariance = self.worn_covariance(worn);
+        }
         if self.memory.started {
             let poses = used
                 .iter()

@@ -138,6 +138,8 @@ pub(super) fn to_worn_pose(py: Python<'_>, found: &WornPose) -> (Table, Table) {
 /// worn_error : (6,) float64
 ///     Estimated error of T_CF of the first view after the update, (translation m, rotation rad), right
 ///     tangent.
+/// worn_error_covariance : (6, 6) float64
+///     What is left of its covariance after the update, in the filter's own model.
 /// worn_poses : dict of int to (pose, covariance)
 ///     Where the worn cameras were whose views were measured, by their numbers: T_WF (4, 4), metres, and
 ///     its covariance (6, 6) over (translation m, rotation rad), right tangent.
@@ -156,6 +158,7 @@ pub(crate) struct PyUpdateReport {
     order: usize,
     exact: bool,
     worn_error: Column<f64>,
+    worn_error_covariance: Table,
     worn_poses: WornPoses,
     jumped: bool,
 }
@@ -178,6 +181,7 @@ impl PyUpdateReport {
             order: report.order,
             exact: report.exact,
             worn_error: column(py, report.worn_error.iter().copied()),
+            worn_error_covariance: to_matrix(py, &report.worn_error_covariance),
             worn_poses: worn_poses.collect(),
         })
     }

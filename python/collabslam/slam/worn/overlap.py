@@ -105,6 +105,16 @@ class Overlap:
         lasting = bias_share if bias is None else float(np.mean(np.diag(bias) / np.diag(covariance)))
         return float(error @ np.linalg.solve(covariance, error)), lasting
 
+    def length(self, error: Array, left: Array) -> tuple[float, float]:
+        """What an ``error`` (6,) of T_CF is along the baseline, in standard deviations, and the share of that
+        variance that is not in the covariance ``left`` (6, 6)."""
+        t_cf = self.given.t_cf
+        along = t_cf[:3, :3].T @ t_cf[:3, 3]  # the error is along the axes of F
+        stated, is_left = (float(along @ c[:3, :3] @ along) for c in (self.given.covariance, left))
+        if stated <= 0.0:  # no baseline
+            return 0.0, 0.0
+        return float(along @ error[:3]) / np.sqrt(stated), max(1.0 - is_left / stated, 0.0)
+
     def births(self, outcomes: MeasurementOutcomes, t: float) -> tuple[ImagePoints, Ids]:
         """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""
         used = self.candidates[outcomes.born >= 0]

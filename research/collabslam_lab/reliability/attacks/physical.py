@@ -56,6 +56,57 @@ def _turning(degrees: float) -> Make:
     return _views(change)
 
 
+def _untold(make: Make) -> Make:
+    """Nothing is said of what lasts of T_CF's error, so that most of it does (``filter.worn.bias_share``)."""
+    silent = _views(lambda _, view: dataclasses.replace(view, bias=None))
+    return lambda recording, rng: silent(make(recording, rng), rng)
+
+
+def _lost(i: int, view: WornView) -> WornView:
+    """From the 40th frame on T_CF is of another place: a tracker that begins anew elsewhere."""
+    away = se3_exp([0.7, 0.2, 0.3, 0.1, 0.5, 0.0])
+    return dataclasses.replace(view, t_cf=view.t_cf @ away) if i >= 40 else view
+
+
+def _stale(recording: Recording, rng: Rng) -> Recording:
+    """From the 20th frame on T_CF is the one of before: a tracker that hangs."""
+    last = next(recording.frame(i).views[0] for i in range(20, -1, -1) if recording.frame(i).views)
+    return _views(lambda i, view: view if i < 20 else dataclasses.replace(view, t_cf=last.t_cf))(
+        recording, rng
+    )
+
+
+def _repeated(recording: Recording, _: Rng) -> Recording:
+    """Each image three times, as a camera of a third of the rate is read."""
+
+    def change(i: int, frame: Frame) -> Frame:
+        return dataclasses.replace(frame, image=recording.image(i - i % 3))
+
+    return FaultyRecording(recording, change=change)
+
+
+def _warped(i: int, image: Image) -> Image:
+    """Rows that slide by up to 10 px either way, other ones in each frame: a lens that rattles."""
+    height, width = image.shape
+    u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    slid = u + np.float32(20.0 * np.sin(2.1 * i)) * (v / height - 0.5)
+    return np.asarray(cv2.remap(image, slid, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT), np.uint8)
+
+
+def _breathing(i: int, image: Image) -> Image:
+    """An autofocus that hunts: the picture grows and shrinks by 2 %."""
+    height, width = image.shape
+    matrix = cv2.getRotationMatrix2D((width / 2, height / 2), 0.0, 1.0 + 0.02 * np.sin(i / 6.0))
+    out = cv2.warpAffine(image, matrix, (width, height), borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(out, np.uint8)
+
+
+def _misted(i: int, image: Image) -> Image:
+    """A lens that mists over within nine seconds."""
+    clear = max(0.0, 1.0 - i / 90.0)
+    return np.asarray(clear * image + (1.0 - clear) * 180.0, np.uint8)
+
+
 def _swaying(pixels: float, period: float) -> Make:
     """The whole picture moves to and fro, as an optical stabilisation moves the lens."""
 
@@ -115,13 +166,27 @@ PHYSICAL: tuple[tuple[str, str, Make], ...] = (
     ("t-cf-scale-step", "T_CF 5 % longer from the 40th frame on", _scale(lambda i: 1.05 if i >= 40 else 1.0)),
     ("t-cf-scale-creep", "T_CF longer by 0.1 % a frame", _scale(lambda i: 1.001**i)),
     ("t-cf-scale-fall", "T_CF shorter by 0.3 % a frame", _scale(lambda i: 0.997**i)),
+    ("t-cf-untold-step", "T_CF 5 % longer at once, nothing said of what lasts",
+     _untold(_scale(lambda i: 1.05 if i >= 40 else 1.0))),
+    ("t-cf-untold-creep", "T_CF longer by 0.1 % a frame, nothing said of what lasts",
+     _untold(_scale(lambda i: 1.001**i))),
+    ("t-cf-untold-jump", "T_CF 30 % longer at once, nothing said of what lasts",
+     _untold(_scale(lambda i: 1.3 if i >= 40 else 1.0))),
+    ("t-cf-lost", "T_CF of another place from the 40th frame on", _views(_lost)),
+    ("t-cf-stale", "T_CF that stands still from the 20th frame on", _stale),
     ("t-cf-turning", "T_CF turned by 0.1 degrees more in each frame", _turning(0.1)),
     ("sway-5", "a picture that sways by 5 px", _swaying(5.0, 9.0)),
     ("sway-10", "a picture that sways by 10 px", _swaying(10.0, 14.0)),
     ("sway-15", "a picture that sways by 15 px", _swaying(15.0, 23.0)),
+    ("rattle", "rows that slide by up to 10 px, other ones in each frame", _images(_warped)),
+    ("hunting", "an autofocus that hunts: 2 % larger and smaller", _images(_breathing)),
+    ("mist", "a lens that mists over", _images(_misted)),
+    ("thrice", "each image three times", _repeated),
+    ("mirrored-late", "mirrored images from the 40th frame on",
+     _images(lambda i, image: np.ascontiguousarray(image[:, ::-1]) if i >= 40 else image)),
     ("banding", "light that flickers by 25 %, read row by row", _images(_banded)),
     ("drops", "twelve drops on the lens", _images(_dirty)),
     ("rain", "rain: 150 bright streaks, elsewhere in each frame", _images(_raining)),
     ("potholes", "every third frame blurred over 21 px", _images(_smeared)),
     ("hot-pixels", "two hundred pixels that are always white", _images(_hot)),
-)
+)  # fmt: skip

@@ -92,10 +92,10 @@ STOPPED: tuple[tuple[str, str, Alter], ...] = (
     ("camera", "of another camera", _put("engine", "camera", value=SMALL)),
     ("camera-nan", "of a camera without a focal length",
      _put("engine", "camera", 3, value=(float("nan"), 620.0, 359.5, 239.5))),
-    ("patches", "patches of no feature", _put("engine", "parts", "_tracks", "_features", value={})),
+    ("patches", "patches of no feature", _put("engine", "parts", "tracks", "_features", value={})),
     ("pixels", "an image of another size",
-     _put("engine", "parts", "_blank", "_last", value=np.zeros((2, 2), np.uint8))),
-    ("counter", "a counter of 10^300 frames", _put("engine", "parts", "_monitor", "_failed", value=10**300)),
+     _put("engine", "parts", "blank", "_last", value=np.zeros((2, 2), np.uint8))),
+    ("counter", "a counter of 10^300 frames", _put("engine", "parts", "monitor", "_failed", value=10**300)),
     ("part", "a part that there is not", _put("engine", "parts", "_door", value={}, new=True)),
     ("deep", "lists 200 deep", _put("engine", "more", value=lambda _: _deep(200), new=True)),
     ("victim", "that names a file to write to", _put("plan", "save_map", value=VICTIM, new=True)),
@@ -180,6 +180,10 @@ def _map(row: tuple[str, str, Damage | Alter], *, sealed: bool) -> Attack:
     return Attack("map", row[0], f"a map{', sealed' if sealed else ''}: {row[1]}", make, REFUSED, "saved.map")
 
 
+def _append(path: Path, text: str) -> None:
+    path.write_text(path.read_text(encoding="utf-8") + text, encoding="utf-8")
+
+
 def _to_pipe(path: Path) -> None:
     path.unlink()
     os.mkfifo(path)
@@ -204,7 +208,7 @@ ATTACKS = (
     _beside("few-rows", "frames.csv is shorter than the checkpoint says",
             lambda out: os.truncate(out / "frames.csv", 200), READ_OR_REFUSED),
     _beside("torn", "half a line at the end of a trajectory",
-            lambda out: (out / "trajectory.tum").open("a").write("0.5 1.0 2."), READ_OR_REFUSED),
+            lambda out: _append(out / "trajectory.tum", "0.5 1.0 2."), READ_OR_REFUSED),
     _beside("no-settings", "config.yaml is gone", lambda out: (out / "config.yaml").unlink(),
             READ_OR_REFUSED),
     *(_map(row, sealed=False) for row in RAW),
