@@ -15,6 +15,7 @@ from collabslam.cli import BAD_INPUT, COMMANDS, INTERRUPTED, NOT_TRUSTED, TERMIN
 from collabslam.cli.fault import tell_fault
 from collabslam.cli.pipes import quiet_pipes
 from collabslam.errors import CollabslamError, FilterError, Terminated
+from collabslam.formats.decoder_limit import limit_decoder
 
 LONGEST_NAME = 200
 DESCRIPTION = "Metric monocular SLAM for a robot, helped now and then by a camera that a person wears."
@@ -28,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:
     """Parse, call the command, and turn whatever ends it into a sentence and an exit status."""
     debug = False
+    limit_decoder()
     warnings.formatwarning = lambda message, *_, **__: f"{parser.prog}: warning: {printable(message)}\n"
     with quiet_pipes():
         try:

@@ -17,13 +17,14 @@ from collabslam.datasets.calibration import check_size
 from collabslam.datasets.gate import tell
 from collabslam.datasets.image_header import SIGNATURES, Header, read_header
 from collabslam.errors import DataError
+from collabslam.formats.decoder_limit import MOST_PIXELS
 from collabslam.formats.files import read_bytes, require_regular
 from collabslam.types import Image
 
 SMALL, DENSEST = 1 << 24, 1100
 """Pixels that any header may promise, and so many more for each byte of the file (DEFLATE's best is 1032)."""
-MOST = 1 << 27
-"""Pixels that no image has more of."""
+MOST_PASSED = 1 << 29
+"""Pixels that all passes over an image may go over: 64 scans of 8 megapixels, ten of 50."""
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff"})
 DEPTHS = (8, 10, 12, 14, 16)
 """Bits that cameras deliver."""
@@ -91,9 +92,9 @@ def decode(
 
 
 def _decoded(data: bytes, header: Header, mosaic: int | None = None) -> np.ndarray | None:
-    """The picture, grey; None if it is none, or promises more pixels than its bytes can hold."""
+    """The picture, grey; None if it is none, promises more than its bytes can hold, or costs too much."""
     pixels = header.width * header.height
-    if not 0 < pixels <= min(SMALL + DENSEST * len(data), MOST):
+    if not 0 < pixels <= min(SMALL + DENSEST * len(data), MOST_PIXELS, MOST_PASSED // max(header.passes, 1)):
         return None
     flags = cv2.IMREAD_GRAYSCALE if mosaic is None else cv2.IMREAD_ANYCOLOR
     flags |= cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH

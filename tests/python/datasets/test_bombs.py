@@ -5,6 +5,8 @@ from __future__ import annotations
 import bz2
 import os
 import struct
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -203,3 +205,37 @@ def test_decompression_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bounded, "ALWAYS", 1 << 20)
     with pytest.raises(DataError, match="hold more than 1 MB"):
         bounded.decompressed(packed, bz2.BZ2Decompressor)
+
+
+def test_the_command_lines_decoder_keeps_the_limit_of_pixels_itself() -> None:
+    """OpenCV reads it once, when it is loaded: in a process of its own, as a command is one."""
+    program = (
+        "import sys\n"
+        "from collabslam.cli.main import main\n"
+        "assert 'cv2' not in sys.modules\n"
+        "assert main(['settings', 'docs']) == 0\n"
+        "import cv2, numpy as np\n"
+        "for wide in (1 << 14, (1 << 14) + 1):\n"
+        "    data = np.frombuffer(b'P5 %d 8192 255 ' % wide + bytes(99), np.uint8)\n"
+        "    try:\n"
+        "        cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)\n"
+        "        print('taken')\n"
+        "    except cv2.error as error:\n"
+        "        print('refused', 'MAX_IMAGE_PIXELS' in str(error))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        env={k: v for k, v in os.environ.items() if k != "OPENCV_IO_MAX_IMAGE_PIXELS"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-2:] == ["taken", "refused True"]
+
+
+def test_many_passes_over_a_large_picture_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = encoded(".jpg", picture())
+    assert decode(data, "it").shape == (24, 32)
+    monkeypatch.setattr(images, "MOST_PASSED", 32 * 24 - 1)
+    with pytest.raises(DataError, match="not an image that is read"):
+        decode(data, "it")
