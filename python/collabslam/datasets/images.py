@@ -16,6 +16,8 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import check_size
 from collabslam.datasets.gate import tell
 from collabslam.datasets.image_header import SIGNATURES, Header, read_header
+from collabslam.datasets.image_names import of_one_kind
+from collabslam.datasets.units import has_nanosecond_parts, padded
 from collabslam.errors import DataError
 from collabslam.formats.decoder_limit import MOST_PIXELS
 from collabslam.formats.files import read_bytes, require_regular
@@ -211,13 +213,18 @@ def list_images(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise DataError(f"The image folder {folder} does not exist; give the recording's own folder.")
     found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != "."]
-    found.sort(key=_decimals if all(re.fullmatch(r"[0-9]+\.[0-9]+", p.stem) for p in found) else natural)
+    stems = [p.stem for p in found]
+    if has_nanosecond_parts(stems):
+        found.sort(key=lambda p: Decimal(padded(p.stem)))
+    else:
+        decimals = all(re.fullmatch(r"-?[0-9]+(\.[0-9]+)?", stem) for stem in stems)
+        found.sort(key=_decimals if decimals else natural)
     for path in found:
         require_regular(path)
     if not found:
         kinds = ", ".join(sorted(IMAGE_SUFFIXES))
         raise DataError(f"The folder {folder} holds no images; files ending in {kinds} are read.")
-    return found
+    return of_one_kind(found)
 
 
 def natural(path: Path) -> tuple[list[str | int], str]:

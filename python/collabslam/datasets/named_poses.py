@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from collabslam.datasets.gate import Keys, data_lines, tell
+from collabslam.datasets.gate import Keys, data_lines, is_number, tell
 from collabslam.errors import DataError
 from collabslam.geometry import pose_from_quaternion, pose_inverse
 from collabslam.types import Array
@@ -18,7 +18,7 @@ _COLUMNS = 10
 
 def is_colmap(lines: Sequence[tuple[int, list[str]]]) -> bool:
     """Whether lines are those of COLMAP's ``images.txt``."""
-    return bool(lines) and len(lines[0][1]) == _COLUMNS and "." in lines[0][1][-1]
+    return bool(lines) and len(lines[0][1]) == _COLUMNS and not is_number(lines[0][1][-1])
 
 
 def colmap_poses(path: Path, names: Sequence[str]) -> Array:

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.frame_poses import poses_of_frames
 from collabslam.datasets.imu.beside import GyroGiven, imu_log
 from collabslam.datasets.masks import masks_beside
 from collabslam.datasets.odometry import OdometryGiven, read_odometry
 from collabslam.datasets.ordered import DiskRecording, in_order
 from collabslam.datasets.overrides import Given
-from collabslam.datasets.poses import poses_of_frames
 from collabslam.datasets.printed_pose import printed_source
 from collabslam.datasets.readers import (
     collab,

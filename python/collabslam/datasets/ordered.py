@@ -10,6 +10,8 @@ from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
 from collabslam.types import Array, Indices
 
+_FEW = 3
+"""Of more frames half must be usable: what one bad stamp costs is one frame."""
 DiskRecording = ImageRecording | StreamRecording
 
 
@@ -19,13 +21,19 @@ def in_order(recording: DiskRecording) -> DiskRecording:
     Raises
     ------
     DataError
-        If no frame has a stamp that can be used.
+        If no frame has a stamp that can be used, or most have none.
     """
     kept, times = usable_frames(recording.times)
     if len(kept) == len(recording) and (times == recording.times).all():
         return recording
     if not len(kept):
         raise DataError(f"The recording {recording.source} has no usable time stamp; give finite ones.")
+    if len(kept) * 2 < len(recording) > _FEW:
+        raise DataError(
+            f"Of the {len(recording)} frames of {recording.source} only {len(kept)} have stamps that "
+            "increase: they repeat (whole seconds, digits cut off, one stamp for all), go back, or are "
+            "intervals; give the time of each frame."
+        )
     if isinstance(recording, StreamRecording):
         return _stream(recording, kept, times)
     return _images(recording, kept, times)

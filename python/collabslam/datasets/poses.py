@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam.datasets.gate import data_lines, read_keys, tell, text_of
-from collabslam.datasets.named_poses import colmap_poses, is_colmap, nerfstudio_poses
+from collabslam.datasets.gate import data_lines, tell, text_of
+from collabslam.datasets.pose_columns import HEADER, columns_of
 from collabslam.datasets.units import as_seconds, counts, read_stamps
 from collabslam.errors import DataError, SettingsError
 from collabslam.geometry import (
@@ -19,18 +19,12 @@ from collabslam.geometry import (
     nearest_rotation,
     pose,
     pose_from_quaternion,
-    pose_inverse,
-    rotation_exp,
 )
 from collabslam.types import Array
 
 _CLAMP_SECONDS = 1e-3
 _ROTATION_TOLERANCE = 1e-2
-_HEADER = 5
-"""Lines at the beginning of a file that may name its columns."""
 _QUATERNION = re.compile(r"\b(?:q(?:_?[a-z]+[_.]|_)?|orientation[_.])([wxyz])\b", re.IGNORECASE)
-_SEVERAL = 10
-"""Of so many frames more than one must have a pose, if there are poses."""
 _FEW = 20
 """A file of poses may have one broken line in so many."""
 BODY_FROM_OPTICAL = np.array(
@@ -77,6 +71,8 @@ def rigid(matrix: Array, where: str) -> Array:
         raise DataError(
             f"{where} is not a rigid pose (its 3x3 is not a rotation); check the order of its numbers."
         )
+    if matrix.shape == (4, 4) and float(np.max(np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)))) > 1e-6:
+        raise DataError(f"{where} is not a rigid pose (its last row is not 0 0 0 1); give it row by row.")
     return pose(rotation, matrix[:3, 3])
 
 
@@ -148,11 +144,15 @@ def read_pose_table(
     DataError
         Naming the line that is wrong, if more than one of `_FEW` are.
     """
-    order = _order_of_header(path) or order
+    order = order_of_header(path) or order
     rows: list[tuple[str, Array, int]] = []
     lost, broken = 0, list[DataError]()
     lines = data_lines(path)
-    skip = _after_id(lines)
+    columns = columns_of(text_of(path)) if further is None else None
+    if columns is not None and all(len(fields) > max(columns) for _, fields in lines):
+        tell("columns", columns, path)
+        order, lines = "xyzw", [(n, [fields[k] for k in columns]) for n, fields in lines]
+    skip = after_id(lines)
     for number, fields in lines:
         where = f"Line {number} of {path}"
         try:
@@ -198,15 +198,15 @@ def _pose_fields(fields: list[str], order: str, further: tuple[int, ...] | None,
     return values
 
 
-def _after_id(lines: list[tuple[int, list[str]]]) -> int:
+def after_id(lines: list[tuple[int, list[str]]]) -> int:
     """1 if a first column counts the lines of nine, before the stamp; else 0."""
     nine = all(len(fields) == 9 for _, fields in lines)
     return int(nine and counts([fields[0] for _, fields in lines]))
 
 
-def _order_of_header(path: Path) -> str | None:
+def order_of_header(path: Path) -> str | None:
     """The order of the quaternion that a file's first lines tell by their columns' names."""
-    for line in text_of(path).splitlines()[:_HEADER]:
+    for line in text_of(path).splitlines()[:HEADER]:
         found = "".join(_QUATERNION.findall(line)).lower()
         if found in ("wxyz", "xyzw"):
             return found
@@ -234,95 +234,6 @@ def read_track(path: Path, *, euroc: bool = False) -> tuple[Array, Array]:
     """
     rows = read_pose_table(path, order="wxyz" if euroc else "xyzw", usual="nanoseconds" if euroc else None)
     return as_seconds(rows.stamps), np.asarray(rows.poses)
-
-
-def poses_of_frames(path: Path, times: Array, axes: str | None = None, names: Sequence[str] = ()) -> Array:
-    """Poses of a file at the times of frames, (N, 4, 4) with NaN where it says nothing.
-
-    Parameters
-    ----------
-    path
-        TUM, EuRoC with its header, or ARKitScenes' ``.traj``; or a pose for each frame without stamps: a
-        matrix a line (KITTI), lines that are counted in place of stamps, Record3D's ``metadata``; or poses by
-        the names of images: COLMAP's ``images.txt``, nerfstudio's ``transforms.json``.
-    times : (N,) array
-        Seconds.
-    axes
-        Of the camera, one of `AXES`; optical unless told, or as the file's program has them.
-    names
-        Of the frames' images, where they are files.
-
-    Raises
-    ------
-    DataError
-        If the file is none of these, or shares no time with the frames.
-    SettingsError
-        If there are no such axes.
-    """
-    keyed = text_of(path).lstrip()[:1] == "{"
-    poses = _of_keys(path, len(times), names) if keyed else _of_lines(path, times, names)
-    axes = axes or ("opengl" if keyed else "optical")
-    tell("axes of the poses", axes, path)
-    return np.asarray(poses @ axes_of(axes)) if axes != "optical" else poses
-
-
-def _of_lines(path: Path, times: Array, names: Sequence[str]) -> Array:
-    lines = data_lines(path)
-    if is_colmap(lines):
-        return colmap_poses(path, names)
-    if path.suffix == ".traj" and lines and all(len(fields) == 7 for _, fields in lines):
-        return interpolate_track(*_arkit_scenes(path), times)
-    if lines and all(len(fields) in (12, 16) for _, fields in lines):
-        return _one_a_frame(read_pose_rows(path), len(times), f"{path} (a matrix for each frame, as KITTI's)")
-    rows, ids = read_pose_table(path), [fields[0] for _, fields in lines]
-    if counts(ids) and not _after_id(lines):
-        every = np.full((len(ids), 4, 4), np.nan)
-        every[[int(text) - int(ids[0]) for text in rows.texts]] = rows.poses
-        return _one_a_frame(every, len(times), f"{path} (its lines count frames)")
-    stamps = as_seconds(rows.stamps)
-    found = interpolate_track(stamps, np.asarray(rows.poses), times)
-    met = int(np.isfinite(found).all(axis=(1, 2)).sum())
-    if met == 0 or (met == 1 and len(times) >= _SEVERAL):
-        raise DataError(
-            f"The poses of {path} ({stamps[0]:.3f} to {stamps[-1]:.3f} s) and the images ({times[0]:.3f} to "
-            f"{times[-1]:.3f} s) share no time but for {met} frames; give both in the same clock."
-        )
-    return found
-
-
-def _one_a_frame(poses: Array, count: int, where: str) -> Array:
-    if len(poses) != count:
-        raise DataError(f"{where} has {len(poses)} poses for {count} frames; give one for each, or stamps.")
-    tell("poses", f"{count}, one for each frame", where)
-    return poses
-
-
-def _arkit_scenes(path: Path) -> tuple[Array, Array]:
-    """Stamps and poses of a ``.traj``: stamp, rotation vector and position of the world in the camera."""
-    rows = [number_fields(fields, f"Line {number} of {path}") for number, fields in data_lines(path)]
-    values = np.asarray([row for row in rows if np.isfinite(row).all()]).reshape(-1, 7)
-    values = values[np.argsort(values[:, 0], kind="stable")]
-    if len(values):
-        check_position(values[:, 4:], str(path))
-    poses = [pose_inverse(pose(rotation_exp(row[1:4]), row[4:])) for row in values]
-    tell(
-        "poses", f"{len(values)} of {len(rows)} lines, rotation vectors, world to camera (ARKitScenes)", path
-    )
-    return values[:, 0], np.asarray(poses).reshape(-1, 4, 4)
-
-
-def _of_keys(path: Path, count: int, names: Sequence[str]) -> Array:
-    """The poses of a ``transforms.json``, or of Record3D's ``metadata``: quaternion x y z w, position."""
-    with read_keys(path) as keys:
-        if keys.has("frames"):
-            found = nerfstudio_poses(keys, path, names)
-            return np.array([rigid(t, f"A transform_matrix of {path}") for t in found])
-        rows = np.asarray(keys.numbers("poses"))
-        keys.leave("*", why="of the camera")
-    if len(rows) % 7:
-        raise DataError(f"The poses of {path} are not 7 numbers each; give Record3D's metadata.")
-    poses = [pose_from_quaternion(r[4:], r[[3, 0, 1, 2]]) for r in rows.reshape(-1, 7)]
-    return _one_a_frame(np.asarray(poses), count, f"{path} (Record3D)")
 
 
 def interpolate_track(stamps: Array, poses: Array, times: Array, widest: float | None = None) -> Array:

@@ -24,7 +24,10 @@ _STEPS = (1e-4, 100.0)
 """Seconds between stamps of known years, or of a layout whose unit is known, that are believed."""
 LONGEST = 2.0
 """Seconds between frames whose years nobody knows."""
-LEAST_STEP, MOST_STEP, MOST_GAP = 1e-4, 100.0, 86400.0
+_COUNTED = 8
+"""Whole numbers without years that are so far apart count frames: no camera is so fast in any unit."""
+_NANO_DIGITS = 9
+LEAST_STEP, MOST_STEP, MOST_GAP = 2e-3, 10.0, 86400.0
 """Seconds from frame to frame that a recording has in the middle, and the longest gap in one."""
 
 
@@ -62,6 +65,9 @@ def read_stamps(
         If one is not a number, or all fit no unit, naming the line.
     """
     texts = list(texts)
+    if has_nanosecond_parts(texts):
+        tell("passed over", "zeros that lack before the nanoseconds", where)
+        texts = [padded(text) for text in texts]
     stamps = [
         _number(text, f"line {lines[k]} of {where}" if lines else where) for k, text in enumerate(texts)
     ]
@@ -71,6 +77,39 @@ def read_stamps(
     if found and max(found) * NANOSECONDS >= 1 << 63:
         raise DataError(f"A stamp of {where} is far too large ({max(found):.3e} s); write it in seconds.")
     return found
+
+
+def has_nanosecond_parts(texts: Sequence[str]) -> bool:
+    """Whether stamps are seconds, a point, and nanoseconds without zeros before them, as some scripts write.
+
+    Decimals as long as that, of different lengths, begin with a zero as often as not.
+    """
+    parts = [text.strip().split(".") for text in texts]
+    if len(parts) < 5 or not all(len(p) == 2 and p[0].isdigit() and p[1].isdigit() for p in parts):
+        return False
+    lengths = {len(p[1]) for p in parts}
+    if max(lengths) != _NANO_DIGITS or len(lengths) == 1 or any(p[1][0] == "0" != p[1] for p in parts):
+        return False
+    steps = [np.abs(np.diff(np.sort([float(t) for t in read]))) for read in (texts, map(padded, texts))]
+    return float(np.ptp(steps[1])) < float(np.ptp(steps[0]))
+
+
+def padded(text: str) -> str:
+    """A stamp of seconds and nanoseconds with the zeros that it lacks."""
+    whole, _, nanoseconds = text.strip().partition(".")
+    return f"{whole}.{nanoseconds.zfill(_NANO_DIGITS)}"
+
+
+def check_no_counter(texts: Sequence[str], where: str) -> None:
+    """Refuses whole numbers that are as near as numbers of frames; DataError if they are."""
+    if len(texts) < 3 or not all(text.isascii() and text.isdigit() and len(text) < 10 for text in texts):
+        return
+    step = float(np.median(np.diff(np.unique([int(text) for text in texts])))) if len(set(texts)) > 1 else 0.0
+    if LONGEST < step <= _COUNTED:
+        raise DataError(
+            f"The stamps of {where} are whole numbers {step:g} apart, which count frames; give times in "
+            "seconds (with a point, as 2.0, if they are)."
+        )
 
 
 def listed_stamps(rows: list[tuple[int, list[str]]], where: str) -> tuple[list[Decimal], list[list[str]]]:
@@ -89,6 +128,7 @@ def listed_stamps(rows: list[tuple[int, list[str]]], where: str) -> tuple[list[D
         if not all(columns):
             raise DataError(f"{where} counts its lines and tells no times; give stamps in seconds.")
         tell("passed over", "the first column (it counts the lines)", where)
+    check_no_counter([fields[0] for fields in columns], where)
     stamps = read_stamps([fields[0] for fields in columns], where, lines=lines)
     return stamps, [fields[1:] for fields in columns]
 

@@ -327,14 +327,14 @@ def test_opencv_file_storage(tmp_path: Path, fisheye: bool) -> None:
     storage.write("image_width", 32)
     storage.write("image_height", 24)
     storage.write("camera_matrix", np.array([[30.0, 0, 15], [0, 31, 11], [0, 0, 1]]))
-    storage.write("distortion_coefficients", np.array([[0.1, 0.2, 0.3, 0.4]]))
+    storage.write("distortion_coefficients", np.array([[0.1, 0.2, 0.003, 0.004]]))
     if fisheye:
         storage.write("fisheye", 1)
     storage.release()
     camera = load_camera(file)
     assert camera.model == ("fisheye" if fisheye else "radtan")
     assert (camera.width, camera.height, camera.intrinsics) == (32, 24, (30, 31, 15, 11))
-    assert camera.distortion == (0.1, 0.2, 0.3, 0.4)
+    assert camera.distortion == (0.1, 0.2, 0.003, 0.004)
 
 
 @pytest.mark.parametrize(

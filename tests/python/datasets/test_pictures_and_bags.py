@@ -141,6 +141,27 @@ def test_one_broken_pixel_costs_one_image(tmp_path: Path) -> None:
             np.testing.assert_array_equal(decode_grey(tmp_path / f"{k}.png"), expected)
 
 
+def test_a_wrong_order_of_bytes_is_put_right() -> None:
+    smooth = cv2.GaussianBlur(picture(), (0, 0), 3.0).astype(np.uint16) * 16
+    for big in (0, 1):
+        for order in ("<u2", ">u2"):
+            message = image16(smooth.astype(order))
+            message.is_bigendian = big
+            assert messages.deepest(message) == smooth.max()
+            np.testing.assert_array_equal(messages.image_of(message, "x", 12), smooth >> 4)
+
+
+def test_depth_of_kilometres_is_in_millimetres() -> None:
+    metres = np.full((HEIGHT, WIDTH), 2.0, np.float32)
+    message = STORE.types["sensor_msgs/msg/Image"](
+        header(0), HEIGHT, WIDTH, "32FC1", 0, 4 * WIDTH, metres.view(np.uint8).ravel()
+    )
+    assert (messages.depth_of(message, "x", MILLIMETRES) == 2.0).all()
+    message.data = (1000 * metres).view(np.uint8).ravel()
+    with pytest.raises(DataError, match=r"2000 m .* millimetres"):
+        messages.depth_of(message, "x", MILLIMETRES)
+
+
 # --- bags -------------------------------------------------------------------------------------
 
 

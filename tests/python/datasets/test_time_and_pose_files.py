@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from collabslam.datasets import open_recording
+from collabslam.datasets.frame_poses import poses_of_frames
 from collabslam.datasets.gate import data_lines, listening
 from collabslam.datasets.images import list_images
-from collabslam.datasets.poses import OPENGL_FROM_OPTICAL, poses_of_frames, read_track
+from collabslam.datasets.poses import OPENGL_FROM_OPTICAL, read_track
 from collabslam.datasets.recording import stamps_in_names, times_at_rate
 from collabslam.datasets.units import as_nanoseconds, as_seconds, listed_stamps, read_stamps
 from collabslam.errors import DataError
@@ -65,6 +66,62 @@ def test_a_layouts_own_unit_is_left_only_where_its_rate_is_impossible() -> None:
 def test_what_is_no_stamp_is_refused(texts: list[str]) -> None:
     with pytest.raises(DataError):
         read_stamps(texts, "x")
+
+
+def test_nanoseconds_that_lack_their_zeros_are_padded(tmp_path: Path) -> None:
+    texts = [f"{1_700_000_000 + k // 20}.{k % 20 * 50_000_000}" for k in range(45)]
+    found = as_seconds(read_stamps(texts, "x"))
+    np.testing.assert_allclose(found - found[0], np.arange(45) / 20, atol=1e-6)
+    names = folder(tmp_path / "a", [f"{text}.png" for text in texts])
+    assert [p.stem for p in list_images(names)] == texts
+    decimals = [f"{1_700_000_000 + 0.05 * k:.9f}".rstrip("0") for k in range(45)]
+    np.testing.assert_allclose(np.diff(as_seconds(read_stamps(decimals, "x"))), 0.05, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        [str(1_700_000_000 + k // 4) for k in range(12)],
+        [f"{1.7e18 + 5e7 * k:.6e}" for k in range(12)],
+        ["0.05"] * 12,
+        [f"{0.05 * (11 - k):.2f}" for k in range(12)],
+        [f"1,700,000,000,{50 * k:03d}" for k in range(12)],
+    ],
+    ids=["whole seconds", "digits cut off", "intervals", "reversed", "thousands"],
+)
+def test_stamps_of_which_most_cannot_be_used_are_refused(tmp_path: Path, texts: list[str]) -> None:
+    path = folder(tmp_path / "a", [f"{k}.png" for k in range(12)])
+    (tmp_path / "times").write_text("\n".join(texts))
+    with pytest.raises(DataError, match=r"only . have stamps that increase"):
+        open_recording(path, camera=path / "camera.yaml", times=tmp_path / "times")
+
+
+def test_names_may_stand_before_their_times(tmp_path: Path) -> None:
+    path = folder(tmp_path / "a", [f"{k}.png" for k in range(3)])
+    (tmp_path / "times").write_text("file,t\n" + "\n".join(f"{k}.png,{2.0 - 0.05 * k}" for k in (2, 1, 0)))
+    recording = open_recording(path, camera=path / "camera.yaml", times=tmp_path / "times")
+    assert [p.name for p in recording.paths] == ["2.png", "1.png", "0.png"]
+    assert recording.times[0] == 1.9
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ([f"{side}_{k}.png" for k in range(3) for side in ("left", "right")], "several kinds"),
+        ([f"{k}.{kind}" for k in range(3) for kind in ("png", "jpg")], "several kinds"),
+        ([f"{k}_cam{of}.png" for k in range(3) for of in (0, 1)], "several cameras"),
+    ],
+)
+def test_a_folder_of_two_cameras_is_no_film(tmp_path: Path, names: list[str], words: str) -> None:
+    with pytest.raises(DataError, match=words):
+        list_images(folder(tmp_path / "a", names))
+
+
+def test_what_is_named_otherwise_is_left_out_and_told(tmp_path: Path) -> None:
+    path = folder(tmp_path / "a", ["mask.png", *(f"{k}.png" for k in (0, 1, 2, 10))])
+    with listening() as facts:
+        assert [p.name for p in list_images(path)] == ["0.png", "1.png", "2.png", "10.png"]
+    assert any("mask.png" in fact.value for fact in facts if fact.what == "passed over")
 
 
 def test_a_column_that_counts_is_no_time() -> None:
@@ -146,6 +203,12 @@ def line(stamp: object, k: int, order: str = "xyzw") -> str:
     return f"{stamp} {0.1 * k:.6f} 0 0 " + " ".join(f"{q[a]:.9f}" for a in order)
 
 
+def columns_turned(k: int) -> str:
+    """As a data frame is written: quoted, with its index, the quaternion first."""
+    stamp, x, y, z, *q = line(0.05 * k, k, "wxyz").split()
+    return ",".join(f'"{text}"' for text in (k, stamp, *q, x, y, z))
+
+
 def written(path: Path, lines: list[str]) -> Path:
     (path / "poses.txt").write_text("\n".join(lines) + "\n")
     return path / "poses.txt"
@@ -169,6 +232,18 @@ TRUE = np.array([pose(k) for k in range(12)])
         + [line(50_000_000 * k, k, "wxyz").replace(" ", ",") for k in range(12)],
         ["# by a robot", "# .position.x, y, z, orientation.w, orientation.x, orientation.y, orientation.z"]
         + [line(0.05 * k, k, "wxyz") for k in range(12)],
+        ["timestamp, frame, x, y, z, qx, qy, qz, qw"]
+        + [line(f"{0.05 * k:.3f} {k + 7:06d}", k).replace(" ", ", ") for k in range(12)],
+        [
+            "%time,field.header.seq,field.header.frame_id,"
+            + ",".join(f"field.pose.position.{a}" for a in "xyz")
+            + "".join(f",field.pose.orientation.{a}" for a in "xyzw")
+        ]
+        + [line(f"{50_000_000 * k},{k},world", k).replace(" ", ",") for k in range(12)],
+        ['"","t","qw","qx","qy","qz","tx","ty","tz"'] + [columns_turned(k) for k in range(12)],
+        ["# timestamp(s) tx ty tz qx qy qz qw P1 P2"] + [f"{line(0.05 * k, k)} 0.1 0.2" for k in range(12)],
+        [f"{0.05 * k:.3f} " + " ".join(f"{v:.9f}" for v in pose(k)[:3].ravel()) for k in range(12)],
+        [f"{0.05 * k:.3f} " + " ".join(f"{v:.9f}" for v in pose(k).ravel()) for k in range(12)],
         ["time,tx,ty,tz,qw,qx,qy,qz"] + [line(0.05 * k, k, "wxyz").replace(" ", ", ") for k in range(12)],
     ],
     ids=[
@@ -182,6 +257,12 @@ TRUE = np.array([pose(k) for k in range(12)])
         "4x4",
         "euroc",
         "ros",
+        "stray scanner",
+        "rostopic",
+        "quoted",
+        "openvins",
+        "stamp and 3x4",
+        "stamp and 4x4",
         "named columns",
     ],
 )
@@ -240,6 +321,11 @@ def test_arkit_scenes_trajectory(tmp_path: Path) -> None:
         (['{"frames": [{"file_path": "a.png"}]}'], "4x4 is needed"),
         ([line(0.05 * (k - 11), k) for k in range(12)], "share no time but for 1"),
         ([line(0.05 * k, k).replace(" 0 0 ", " 0 0 0.9 ") for k in range(12)], "no unit quaternion"),
+        ([" ".join(f"{v:.9f}" for v in pose(k).T.ravel()) for k in range(12)], "last row is not 0 0 0 1"),
+        ([line(NS + 50_000_000 * k, k, "wxyz").replace(" ", ",") for k in range(12)], "begin with w"),
+        ([line(5 * k, k) for k in range(12)], "whole numbers 5 apart"),
+        ([line(f"{0.05 * k:.3f}", 1000 * k) for k in range(12)], "2000 m/s"),
+        (['{"parameters": []}'], "no poses that are known"),
     ],
 )
 def test_poses_that_cannot_be_meant_are_refused(tmp_path: Path, lines: list[str], words: str) -> None:

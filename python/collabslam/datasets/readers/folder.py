@@ -37,7 +37,10 @@ def read_times(times: Path, paths: list[Path]) -> tuple[Array, list[Path]]:
     DataError
         If counts disagree, a named image is missing, or a stamp is not a number.
     """
-    stamps, further = listed_stamps(data_lines(times), str(times))
+    rows = data_lines(times)
+    if rows and all(len(f) == 2 and Path(f[0]).suffix.lower() in IMAGE_SUFFIXES for _, f in rows):
+        rows = [(n, fields[::-1]) for n, fields in rows]
+    stamps, further = listed_stamps(rows, str(times))
     if further and all(more and not is_number(more[0]) for more in further):
         paths = [paths[0].parent / Path(more[0]).name for more in further]
         require_files(paths)

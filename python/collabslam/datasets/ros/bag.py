@@ -190,9 +190,24 @@ class Bag:
         return ((m.stamp_seconds(message, t), message) for t, message in self.messages(topic, *types))
 
     def camera(self, topic: str, images: str = "") -> Camera:
-        """Camera of the first CameraInfo of a topic; whether ``images`` are rectified, their topic says."""
-        _, message = next(self.messages(topic, CAMERA_TYPE))
-        return m.camera_of(message, f"{topic} in {self.path}", images)
+        """Camera of a topic's CameraInfo; whether ``images`` are rectified, their topic says.
+
+        Raises
+        ------
+        DataError
+            If it cannot be used, or is another one later: zooms and focus change the lens.
+        """
+        where, first = f"{topic} in {self.path}", None
+        for _, message in self.messages(topic, CAMERA_TYPE):
+            lens = m.lens_numbers(message)
+            first = (message, lens) if first is None else first
+            if lens.shape != first[1].shape or not np.allclose(lens, first[1], rtol=1e-3, atol=1e-6):
+                raise DataError(
+                    f"The CameraInfo of {where} changes during the recording; fix zoom and focus, or give "
+                    "--camera FILE if it does not hold."
+                )
+        assert first is not None  # a topic that is listed has messages
+        return m.camera_of(first[0], where, images)
 
     def poses(self, topic: str) -> tuple[Array, Array, Array]:
         """Stamps (N,), poses (N, 4, 4) and covariances (N, 6, 6) on the right tangent, sorted by stamp."""
