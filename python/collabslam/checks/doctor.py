@@ -23,6 +23,8 @@ LARGE_NIS = 1.5
 """Normalised innovation over its degrees of freedom (1 is expected) that shows a model that does not fit."""
 FEW_MEASURED = 0.1
 """Share of a person's views that are measured at least, unless something is wrong."""
+IN_VAIN = 10
+"""Overlapping views in a row without a match that are worth a word."""
 GYRO_GAPS = 0.1
 """Share of the frames without a gyroscope that has one which is worth a word."""
 SPANS = 3
@@ -264,12 +266,31 @@ def _worn(frames: Frames) -> Iterator[str]:
             f"Only {100 * matches / points:.1f} % of the points looked for in Cf match; most fail as: "
             f"{reason}."
         )
+    yield from _in_vain(frames)
     if contradicted(frames["t_cf_against"]):
         metres, degrees = (float(np.nanmedian(frames[f"t_cf_correction_{unit}"])) for unit in ("m", "deg"))
         yield (
             f"T_CF contradicts the images: they move it by {100 * metres:.1f} cm and {degrees:.1f} degrees "
             f"in the median, more than its covariance allows; check its clock, its frame and its covariance "
             "(try collabslam check-calib)."
+        )
+
+
+def _in_vain(frames: Frames) -> Iterator[str]:
+    """Overlapping views of which all that was looked for failed, where others of the run match."""
+    asked = np.flatnonzero((frames["overlap"] == 1.0) & (frames["cf_points"] > 0.0))
+    matched = np.flatnonzero(frames["cf_matches"][asked] > 0.0)
+    if not matched.size:
+        return
+    ends = np.concatenate([[-1], matched, [len(asked)]])
+    k = int(np.argmax(np.diff(ends)))
+    in_vain = asked[ends[k] + 1 : ends[k + 1]]
+    if len(in_vain) >= IN_VAIN:
+        yield (
+            f"Of {len(in_vain)} overlapping views in a row, from frame {in_vain[0]} to {in_vain[-1]} "
+            f"({frames['t'][in_vain[0]]:.1f} to {frames['t'][in_vain[-1]]:.1f} s), not one point matches, as "
+            "they do in others: T_CF is of another place (a tracker that was lost, another clock), or Cf's "
+            "view is blocked or blurred, or too far from that of Cs; the run went on without Cf."
         )
 
 

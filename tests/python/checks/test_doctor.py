@@ -69,6 +69,8 @@ WORN = {"worn": 1, "overlap": 1, "cf_points": 100, "cf_matches": 30}
         (many(nis=210), {}, "The innovations are 3.0 times as large"),
         ([{"t": 0.1 * k + (2.0 if k > 9 else 0.0)} for k in range(30)], {}, "the longest of 2.10 s"),
         (many(worn=1), {}, "never overlapped"),
+        (many(**WORN) + many(4) + many(12, **{**WORN, "cf_matches": 0}), {}, "12 overlapping views in a row"),
+        (many(9, **{**WORN, "cf_matches": 0}) + many(**WORN), {}, "Nothing is wrong"),
         (many(**{**WORN, "cf_matches": 2, "cf_rejected_epipolar": 80}), {}, "near the epipolar line"),
         (many(**WORN, t_cf_correction_m=0.12, t_cf_correction_deg=4.0, t_cf_against=1.2), {},
          "they move it by 12.0 cm and 4.0 degrees"),
