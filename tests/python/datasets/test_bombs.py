@@ -22,11 +22,15 @@ from collabslam.datasets.gate import data_lines
 from collabslam.datasets.image_header import read_header
 from collabslam.datasets.images import decode, decode_grey, read_grey
 from collabslam.datasets.ros import bounded
+from collabslam.datasets.ros.bag import Bag
+from collabslam.datasets.ros.writer import write_bag
 from collabslam.errors import DataError
 from collabslam.formats.files import read_bytes
 from collabslam.runs.run_folder import read_frames
 from collabslam.settings.table import Settings
+from collabslam.simulation import corridor_recording
 from collabslam.types import Image
+from collabslam_lab.reliability.attacks.bags import COMPUTED, spoil_database
 from collabslam_lab.reliability.attacks.image_bombs import HIDDEN, HUGE, JPEG, OTHERWISE, segment
 
 GIF = b"GIF89a" + struct.pack("<HH", 40000, 40000) + b"\x80\0\0\0\0\0\xff\xff\xff," + b"\0" * 4
@@ -239,3 +243,15 @@ def test_many_passes_over_a_large_picture_are_refused(monkeypatch: pytest.Monkey
     monkeypatch.setattr(images, "MOST_PASSED", 32 * 24 - 1)
     with pytest.raises(DataError, match="not an image that is read"):
         decode(data, "it")
+
+
+@pytest.mark.parametrize("row", COMPUTED, ids=lambda row: row[0])
+def test_a_database_computes_nothing_that_a_bag_asks_for(
+    row: tuple[str, str, tuple[str, ...]], tmp_path: Path
+) -> None:
+    write_bag(corridor_recording(0, length_m=0.3), tmp_path / "bag", storage="sqlite3")
+    with Bag(tmp_path / "bag") as bag:
+        assert len(list(bag.messages("/t_cf"))) > 0
+    spoil_database(tmp_path / "bag" / "bag.db3", row[2])
+    with pytest.raises(DataError, match=r"not authorized|computed"):
+        Bag(tmp_path / "bag")

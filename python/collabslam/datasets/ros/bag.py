@@ -15,7 +15,7 @@ from collabslam._core import Camera
 from collabslam.datasets.gate import tell
 from collabslam.datasets.images import SAMPLED, common_depth, natural
 from collabslam.datasets.ros import messages as m
-from collabslam.datasets.ros.bounded import bound_decompression, leave_qos_alone
+from collabslam.datasets.ros.bounded import bound_databases, bound_decompression, leave_qos_alone
 from collabslam.datasets.ros.cut_mcap import as_far_as_whole
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import DataError
@@ -93,6 +93,7 @@ class Bag:
         for file in path.iterdir() if path.is_dir() else [path]:
             require_regular(file)
         bound_decompression()
+        bound_databases()
         leave_qos_alone()
         told = path / "metadata.yaml"
         if told.is_file() and told.stat().st_size > _LARGEST_METADATA:

@@ -1,7 +1,8 @@
 """rosbags with decompressors that stop: its own unpack whatever a chunk of a few bytes asks for.
 
-`bound_decompression` puts them in the place of its own, for the whole process; `leave_qos_alone` lets it not
-parse what nobody asks: how topics were offered, which may be megabytes of YAML.
+`bound_decompression` puts them in the place of its own, for the whole process; `bound_databases` has SQLite
+compute nothing that a file of a few bytes asks for, and `leave_qos_alone` lets it not parse what nobody asks:
+how topics were offered, which may be megabytes of YAML.
 """
 
 from __future__ import annotations
@@ -10,12 +11,16 @@ import bz2
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
+from types import SimpleNamespace
 from typing import Any
 
 from collabslam.errors import DataError
 
 ALWAYS, RATIO = 1 << 28, 100
 """Bytes that any compressed piece may hold, and so many more for each of its own bytes."""
+_COMPUTED = (
+    "SELECT 1 FROM sqlite_master m, pragma_table_xinfo(m.name) c WHERE m.type = 'table' AND c.hidden > 1"
+)
 
 
 def decompressed(data: bytes, make: Callable[[], Any]) -> bytes:
@@ -127,3 +132,24 @@ def leave_qos_alone() -> None:
     for name in ("reader", "storage_mcap", "storage_sqlite3"):
         module = import_module(f"rosbags.rosbag2.{name}")
         module.parse_qos = lambda _: []  # type: ignore[attr-defined]
+
+
+@cache
+def bound_databases() -> None:
+    """No value of a SQLite bag is longer than `ALWAYS`, or computed: what a view gives may be endless."""
+    storage = import_module("rosbags.rosbag2.storage_sqlite3")
+    apsw = import_module("apsw")
+
+    def allowed(action: int, _: str | None, __: str | None, ___: str | None, by: str | None) -> int:
+        computed = by is not None or action == apsw.SQLITE_RECURSIVE
+        return int(apsw.SQLITE_DENY if computed else apsw.SQLITE_OK)
+
+    def connection(*words: Any, **options: Any) -> Any:
+        opened = apsw.Connection(*words, **options)
+        opened.limit(apsw.SQLITE_LIMIT_LENGTH, ALWAYS)
+        if opened.execute(_COMPUTED).fetchall():
+            raise apsw.SQLError("its tables hold what is computed; export them as they are")
+        opened.authorizer = allowed
+        return opened
+
+    vars(storage)["apsw"] = SimpleNamespace(**{**vars(apsw), "Connection": connection})

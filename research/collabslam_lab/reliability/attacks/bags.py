@@ -6,6 +6,7 @@ import bz2
 import os
 import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from collabslam.datasets.ros.writer import TOPICS
+from collabslam.datasets import open_recording
+from collabslam.datasets.ros.writer import TOPICS, write_bag
 from collabslam_lab.reliability.attacks.attack import READ_OR_REFUSED, REFUSED, Attack, AttackOutcome, Deed
 from collabslam_lab.reliability.attacks.scene import Scene
 from collabslam_lab.reliability.attacks.text_files import ALIASES
@@ -88,6 +90,49 @@ def _database(scene: Scene) -> Deed:
     return scene.run("--topics", ROLES, source=bag)
 
 
+_ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT"
+
+
+def _computed(table: str, column: str, by: str) -> tuple[str, ...]:
+    """A table in which one column is computed when it is read."""
+    return (
+        f"ALTER TABLE {table} RENAME TO before",
+        f"CREATE TABLE {table} AS SELECT * FROM before",
+        f"ALTER TABLE {table} DROP COLUMN {column}",
+        f"ALTER TABLE {table} ADD COLUMN {column} GENERATED ALWAYS AS ({by}) VIRTUAL",
+    )
+
+
+COMPUTED: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("endless-view", "a version that is counted without end", ("DROP TABLE schema",
+     f"CREATE VIEW schema AS {_ENDLESS} count(*) AS schema_version FROM n")),
+    ("endless-rows", "types of messages without end", ("DROP TABLE message_definitions",
+     f"CREATE VIEW message_definitions AS {_ENDLESS} i AS id, 'a' AS topic_type, 'ros2msg' AS encoding,"
+     " 'int8 a' AS encoded_message_definition, '' AS type_description_hash FROM n")),
+    ("computed-data", "messages of 260 MB that are computed",
+     _computed("messages", "data", "zeroblob(260000000)")),
+    ("computed-names", "names of topics of 800 MB that are computed",
+     _computed("topics", "name", "hex(zeroblob(400000000))")),
+)  # fmt: skip
+
+
+def spoil_database(path: Path, statements: tuple[str, ...]) -> None:
+    """Has a SQLite bag's file compute what is read of it."""
+    with closing(sqlite3.connect(path)) as database, database:
+        for statement in statements:
+            database.execute(statement)
+
+
+def _computing(name: str, what: str, statements: tuple[str, ...]) -> Attack:
+    def make(scene: Scene) -> Deed:
+        bag = scene.folder / "walk"
+        write_bag(open_recording(scene.ground.short), bag, storage="sqlite3")
+        spoil_database(bag / "walk.db3", statements)
+        return scene.run("--topics", ROLES, source=bag)
+
+    return Attack("bag", name, f"a database: {what}", make, REFUSED, "cannot be read")
+
+
 def _message(
     name: str,
     what: str,
@@ -137,6 +182,7 @@ ATTACKS = (
     _spoil("zstd", "2 GB of zeros in some kilobytes of zstd", _packed),
     Attack("bag", "bz2", "a ROS 1 bag with 2 GB of zeros in a chunk of bz2", _old_bag),
     Attack("bag", "database", "a database that is not a bag", _database),
+    *(_computing(*row) for row in COMPUTED),
     Attack("bag", "topics", "a role that there is not", lambda scene: scene.run(
         "--topics", "eye=/cs/image_raw", source=scene.ground.bag), REFUSED, "eye"),
     Attack("bag", "topic", "a topic that there is not", lambda scene: scene.run(
