@@ -149,8 +149,8 @@ def read_pose_table(
     lost, broken = 0, list[DataError]()
     lines = data_lines(path)
     columns = columns_of(text_of(path)) if further is None else None
-    if columns is not None and all(len(fields) > max(columns) for _, fields in lines):
-        tell("columns", columns, path)
+    named = columns is not None and all(len(fields) > max(columns) for _, fields in lines)
+    if columns is not None and named:
         order, lines = "xyzw", [(n, [fields[k] for k in columns]) for n, fields in lines]
     skip = after_id(lines)
     for number, fields in lines:
@@ -172,7 +172,8 @@ def read_pose_table(
     numbers = [number for _, _, number in rows]
     stamps = read_stamps([text for text, _, _ in rows], str(path), lines=numbers, usual=usual)
     left_out = f"; {lost} not finite and {len(broken)} broken left out" if lost or broken else ""
-    tell("poses", f"{len(rows)} of {len(lines)} lines, quaternions {' '.join(order)}{left_out}", path)
+    told = "by the header" if named else " ".join(order)
+    tell("poses", f"{len(rows)} of {len(lines)} lines, quaternions {told}{left_out}", path)
     scalar_first = [order.index(axis) + 3 for axis in "wxyz"]
     ranked = sorted(range(len(rows)), key=lambda k: stamps[k])
     return PoseRows(

@@ -1,6 +1,6 @@
-"""An animated picture of several runs of one recording: what both cameras see, and the errors as they grow.
+"""An animated picture of several runs of one recording: what both cameras see, the ways, and the errors.
 
-Without a truth the paths grow in their place.
+Ways and errors grow; without a truth there are only ways.
 """
 
 from __future__ import annotations
@@ -64,38 +64,59 @@ def animate(recording: Recording, results: Mapping[str, RunResult], path: Path) 
 
 
 class _Scene:
-    """Three panels whose contents change from frame to frame."""
+    """Pictures above curves, all of which change from frame to frame."""
 
     def __init__(self, recording: Recording, results: Mapping[str, RunResult]) -> None:
         self._recording = recording
         self._results = list(results.values())
-        self._figure = Figure(figsize=(6.4, 4.4), dpi=100)
+        self._figure = Figure(figsize=(6.4, 5.2), dpi=100)
         self._canvas = FigureCanvasAgg(self._figure)
         left, right = (
-            self._figure.add_axes((0.02, 0.44, 0.47, 0.5)),
-            self._figure.add_axes((0.51, 0.44, 0.47, 0.5)),
+            self._figure.add_axes((0.02, 0.53, 0.47, 0.42)),
+            self._figure.add_axes((0.51, 0.53, 0.47, 0.42)),
         )
         first = recording.frame(0)
         self._cs = _picture(left, first.image, "robot's camera")
         self._cf = _picture(right, np.zeros_like(first.image), "worn camera")
         (self._dots,) = left.plot([], [], "o", markersize=4, markerfacecolor="none", color=_FOUND)
-        below = self._figure.add_axes((0.09, 0.1, 0.88, 0.28))
-        below.grid(color="#e6e8eb", linewidth=0.7)
         self._lines: list[tuple[Any, Array]] = []
-        for n, (label, result) in enumerate(results.items()):  # the thinner ones lie on top
-            colour, width = COLOURS.get(result.summary["mode"], TRUTH), 1.5 + 1.0 * (len(results) - 1 - n)
-            (line,) = below.plot([], [], color=colour, linewidth=width, label=label)
-            self._lines.append((line, _curve(result)))
-        seen = np.concatenate([curve[np.isfinite(curve).all(axis=1)] for _, curve in self._lines])
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        margin = 0.03 * (high - low) + 1e-6
-        below.set_xlim(low[0] - margin[0], high[0] + margin[0])
-        below.set_ylim(low[1] - margin[1], high[1] + 6.0 * margin[1])
-        unit = self._results[-1].summary["unit"]
+        self._ends: list[tuple[Any, Array]] = []
         known = all(result.truth is not None for result in self._results)
-        below.set_xlabel("time, s" if known else f"ahead of the start, {unit}")
-        below.set_ylabel(f"error, {unit}" if known else f"to the right, {unit}")
-        below.legend(loc="upper left", fontsize=7, ncols=3, frameon=False)
+        unit = self._results[-1].summary["unit"]
+        above = self._axes((0.09, 0.32, 0.88, 0.17) if known else (0.09, 0.09, 0.88, 0.38))
+        above.set_xlabel(f"ahead of the start, {unit}", fontsize=8, labelpad=1)
+        above.set_ylabel(f"right, {unit}", fontsize=8)
+        if known:
+            self._grow(above, _true_way(self._results[-1]), TRUTH, 4.5, "true way")
+        for n, (label, result) in enumerate(results.items()):
+            self._grow(above, _way(result), *self._style(n), label)
+        _fit(above, [way for _, way in self._lines], 3.0)
+        above.legend(loc="upper left", fontsize=7, ncols=3, frameon=False)
+        if known:
+            below = self._axes((0.09, 0.08, 0.88, 0.15))
+            below.set_xlabel("time, s", fontsize=8, labelpad=1)
+            below.set_ylabel(f"error, {unit}", fontsize=8)
+            curves = [_errors(result) for result in self._results]
+            for n, curve in enumerate(curves):
+                self._grow(below, curve, *self._style(n), None)
+            _fit(below, curves, 1.0)
+
+    def _axes(self, place: tuple[float, float, float, float]) -> Axes:
+        axes = self._figure.add_axes(place)
+        axes.grid(color="#e6e8eb", linewidth=0.7)
+        axes.tick_params(labelsize=7)
+        return axes
+
+    def _style(self, n: int) -> tuple[str, float]:
+        """Colour and width of a run: the thinner ones lie on top."""
+        colour = COLOURS.get(self._results[n].summary["mode"], TRUTH)
+        return colour, 1.5 + 1.0 * (len(self._results) - 1 - n)
+
+    def _grow(self, axes: Axes, curve: Array, colour: str, width: float, label: str | None) -> None:
+        (line,) = axes.plot([], [], color=colour, linewidth=width, label=label)
+        (end,) = axes.plot([], [], "o", color=colour, markersize=width + 2.5)
+        self._lines.append((line, curve))
+        self._ends.append((end, curve))
 
     def draw(self, k: int) -> Image:
         """The picture (H, W, 3) of frame ``k``."""
@@ -114,6 +135,8 @@ class _Scene:
             self._cs.set_data(shaded(frame.image, features.left_out))
         for line, curve in self._lines:
             line.set_data(curve[: k + 1, 0], curve[: k + 1, 1])
+        for end, curve in self._ends:
+            end.set_data(curve[k : k + 1, 0], curve[k : k + 1, 1])
         self._canvas.draw()  # type: ignore[no-untyped-call]
         rgba: Image = np.asarray(self._canvas.buffer_rgba(), dtype=np.uint8)  # type: ignore[no-untyped-call]
         return np.ascontiguousarray(rgba[..., :3], dtype=np.uint8)
@@ -131,13 +154,34 @@ def shaded(image: Image, left_out: Mask | None) -> Image:
     return out
 
 
-def _curve(result: RunResult) -> Array:
-    """(N, 2): seconds and position error, or, without a truth, the way (z, x) as seen from above."""
+def _way(result: RunResult) -> Array:
+    """(N, 2): the way (z, x) as seen from above."""
     record = result.record
-    if result.truth is None:
-        return np.where(record.valid[:, None], record.poses[:, [2, 0], 3], np.nan)
+    return np.where(record.valid[:, None], record.poses[:, [2, 0], 3], np.nan)
+
+
+def _true_way(result: RunResult) -> Array:
+    """(N, 2): the true way in the world of a run."""
+    truth = result.truth
+    assert truth is not None
+    return np.where(truth.known[:, None], truth.poses[:, [2, 0], 3], np.nan)
+
+
+def _errors(result: RunResult) -> Array:
+    """(N, 2): seconds and position error."""
+    record = result.record
+    assert result.truth is not None
     errors = position_errors(record, result.truth)
     return np.stack([record.times - record.times[0], errors], axis=1)
+
+
+def _fit(axes: Axes, curves: Sequence[Array], above: float) -> None:
+    """Limits that hold all curves, with room above them for the legend."""
+    seen = np.concatenate([curve[np.isfinite(curve).all(axis=1)] for curve in curves])
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    margin = 0.05 * (high - low) + 1e-6
+    axes.set_xlim(low[0] - margin[0], high[0] + margin[0])
+    axes.set_ylim(low[1] - margin[1], high[1] + margin[1] * (1.0 + 5.0 * above))
 
 
 def _palette(colours: Sequence[str]) -> Any:
