@@ -249,17 +249,24 @@ def text_of(path: Path) -> str:
         ) from error
 
 
+LONGEST_LINE, MOST_COLUMNS = 1 << 14, 100
+"""Letters of a line that is one of a table, and columns: a view's pose with two covariances has 80."""
+
+
 def data_lines(path: Path) -> list[tuple[int, list[str]]]:
     """Line numbers and fields of a text file, which commas, semicolons or blanks part; ``#``: a comment.
+
+    Of a line longer than `LONGEST_LINE` only so much is parted: more fields than any table has, as those of
+    the points in COLMAP's files.
 
     Raises
     ------
     DataError
-        If the file cannot be read, or its numbers have decimal commas.
+        If the file cannot be read, its numbers have decimal commas, or a field has no end.
     """
     out = []
-    for number, line in enumerate(text_of(path).splitlines(), start=1):
-        line = line.split("#", 1)[0]
+    for number, whole in enumerate(text_of(path).splitlines(), start=1):
+        line = whole[:LONGEST_LINE].split("#", 1)[0]
         parts = [part for part in re.split(r"[;\s]+", line) if "," in part]
         if parts and all(re.fullmatch(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?", part) for part in parts):
             raise DataError(
@@ -267,6 +274,11 @@ def data_lines(path: Path) -> list[tuple[int, list[str]]]:
                 "if the comma parts two columns, put a blank after it)."
             )
         fields = re.sub(r'[,;"]', " ", line).split()
+        if len(whole) > LONGEST_LINE and 0 < len(fields) <= MOST_COLUMNS:
+            raise DataError(
+                f"Line {number} of {path} has {len(whole)} letters in {len(fields)} columns; no number is so "
+                "long: give the file that is meant."
+            )
         if fields:
             out.append((number, fields))
     if len(out) > 1 and not any(map(is_number, out[0][1])) and any(map(is_number, out[1][1])):

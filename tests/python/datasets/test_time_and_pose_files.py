@@ -11,7 +11,7 @@ import pytest
 
 from collabslam.datasets import open_recording
 from collabslam.datasets.frame_poses import poses_of_frames
-from collabslam.datasets.gate import data_lines, listening
+from collabslam.datasets.gate import LONGEST_LINE, MOST_COLUMNS, data_lines, listening
 from collabslam.datasets.images import list_images
 from collabslam.datasets.poses import OPENGL_FROM_OPTICAL, read_track
 from collabslam.datasets.recording import stamps_in_names, times_at_rate
@@ -349,3 +349,13 @@ def test_lines_of_a_tracker_that_is_lost_are_left_out_and_told(tmp_path: Path) -
         stamps, poses = read_track(written(tmp_path, lines))
     assert len(stamps) == len(poses) == 37
     assert any("37 of 40 lines" in f.value and "2 not finite and 1 broken" in f.value for f in facts)
+
+
+def test_a_line_without_end_is_parted_no_farther_than_any_table_is_wide(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("1 2\n" + "3 " * 10 * LONGEST_LINE + "\n4 5\n")
+    lines = data_lines(tmp_path / "a.txt")
+    assert [number for number, _ in lines] == [1, 2, 3]
+    assert MOST_COLUMNS < len(lines[1][1]) <= LONGEST_LINE
+    (tmp_path / "a.txt").write_text("1 2\n3 4" + "0" * LONGEST_LINE)
+    with pytest.raises(DataError, match=r"Line 2 of .* in 2 columns; no number is so long"):
+        data_lines(tmp_path / "a.txt")

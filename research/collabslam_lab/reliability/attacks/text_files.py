@@ -145,6 +145,7 @@ RELATIVE: tuple[Row, ...] = (
     ("negative", "a negative variance", _field(8, "-1"), REFUSED),
     ("enormous", "a variance of 1e300", _field(8, "1e300"), REFUSED),
     ("exact", "a variance of 0", _field(8, "0"), (*REFUSED, *HELD_OR_TOLD)),
+    ("endless-line", "15 million columns", _line(3, lambda row: row + ",0" * 15_000_000), REFUSED),
     ("columns", "a column missing", _line(3, lambda row: row.rsplit(",", 1)[0]), REFUSED),
 )  # fmt: skip
 TRUTH: tuple[Row, ...] = (
