@@ -173,6 +173,34 @@ def test_a_device_writes_its_own_keys_only(
     assert set(robot) == {(own, 1000)}
 
 
+def test_a_device_neither_hears_nor_answers_for_another(
+    folder: Path, address: Address, robot: list[tuple[str, int]]
+) -> None:
+    """Whatever it asks to hear or claims to answer, and however it packs what is too large."""
+    overheard: list[str] = []
+    with (
+        link.open_device(address, Keys.read(folder / "anna")) as anna,
+        link.open_device(address, Keys.read(folder / "berta")) as berta,
+    ):
+        assert until(lambda: link.connected(anna) and link.connected(berta))
+        kept = [
+            berta.declare_subscriber(key, lambda sample: overheard.append(str(sample.key_expr)))
+            for key in ("**", names.key("anna", names.IMAGE), names.ALL_WORN)
+        ]
+        claimed = [
+            berta.declare_queryable(key, lambda query: query.reply(names.CLOCK, b"mine"))
+            for key in (names.CLOCK, "collabslam/**")
+        ]
+        berta.put(names.key("berta", names.T_CF), b"x", attachment=bytes(2 * link.LARGEST_PUT))
+        own = names.key("anna", names.IMAGE)
+        assert until(lambda: anna.put(own, b"x" * 1000) or robot)
+        assert [reply for reply in anna.get(names.CLOCK, timeout=1.0) if reply.ok] == []
+        for one in (*kept, *claimed):
+            one.undeclare()
+    assert set(robot) == {(own, 1000)}
+    assert own not in overheard, "it hears itself alone"
+
+
 def test_images_go_as_datagrams_and_the_rest_does_not(
     folder: Path, address: Address, robot: list[tuple[str, int]]
 ) -> None:
