@@ -47,6 +47,8 @@ class Calibration:
         Maps points of the sensor into the body, metres.
     mask : Path or None
         Image of what is never scene in the camera's own; see `collabslam.datasets.masks`.
+    body : bool
+        Of a worn camera, whether somebody wears it; see `collabslam.types.WornView`.
     """
 
     camera: Camera
@@ -54,6 +56,7 @@ class Calibration:
     depth_scale: float | None = None
     t_bs: Array | None = None
     mask: Path | None = None
+    body: bool = True
 
 
 def of_keys(keys: Keys, topic: str = "") -> Calibration:
@@ -70,7 +73,7 @@ def of_keys(keys: Keys, topic: str = "") -> Calibration:
     if keys.has("T_BS"):
         t_bs = _transform(keys, "T_BS")
     mask = _mask(keys) if keys.has("mask") else None
-    return Calibration(camera_of_keys(keys, topic), rate, depth_scale, t_bs, mask)
+    return Calibration(camera_of_keys(keys, topic), rate, depth_scale, t_bs, mask, _body(keys))
 
 
 def _mask(keys: Keys) -> Path:
@@ -81,6 +84,16 @@ def _mask(keys: Keys) -> Path:
             f"The key 'mask' of {keys.where} is no name of an image beside it; give one, as mask: hood.png."
         )
     return Path(name)
+
+
+def _body(keys: Keys) -> bool:
+    """What the key ``body`` says."""
+    body = keys.take("body") if keys.has("body") else True
+    if not isinstance(body, bool):
+        raise DataError(
+            f"The key 'body' of {keys.where} is {body!r}; give false where nobody wears the camera, or true."
+        )
+    return body
 
 
 def _transform(keys: Keys, name: str) -> Array:

@@ -118,6 +118,7 @@ class RecordingWriter:
         self._lists: dict[Path, LineFile] = {}
         self._last = self._last_odometry = self._last_gyro = -1
         self._views: set[tuple[str, int]] = set()
+        self._bodies: dict[str, bool] = {}
         self._t_bc = np.eye(4) if t_bc is None else checked_pose(t_bc, "T_BC")
         self._imu, self._forces = Imu(np.eye(3)) if imu is None else imu, False
         self._frames = 0
@@ -174,8 +175,8 @@ class RecordingWriter:
         ------
         InputError
             For a stamp that does not follow, a time of a view that was written before, an image of the wrong
-            type or size, a pose that is none, a covariance that is none, or a worn view without its
-            ``worn_camera``.
+            type or size, a pose that is none, a covariance that is none, a worn view without its
+            ``worn_camera``, or one whose ``body`` is not that of the same camera's views before.
         DataError
             If the disk is full.
         """
@@ -192,8 +193,10 @@ class RecordingWriter:
         with self._writable():
             # The lists last, so that they name nothing that is not there.
             name = self._write_image(self._partial / "cam0", stamp, image)
-            for (who, taken), view in checked.items():
-                self._write_view(who, taken, *view)
+            for view in views:
+                self._begin_worn(view.who, body=view.body)
+            for (who, taken), parts in checked.items():
+                self._write_view(who, taken, *parts)
             self._views.update(checked)
             if true is not None:
                 line = ",".join([str(stamp), *pose_fields(true)])
@@ -328,22 +331,36 @@ class RecordingWriter:
                 f"There is a worn view{whose} but no worn_camera; give the writer the calibration of Cf."
             )
         image = check_grey(worn.image, camera, "worn image")
+        if self._bodies.get(worn.who, worn.body) is not worn.body:
+            whose = f" of {worn.who!r}" if worn.who else ""
+            raise InputError(
+                f"Somebody wears the camera{whose} in some of its views and nobody in others; give all of "
+                "them the same WornView.body."
+            )
         covariances = [checked_covariance(worn.covariance, "covariance of T_CF")]
         if worn.bias is not None:
             covariances.append(checked_covariance(worn.bias, "bias of T_CF"))
         return image, checked_pose(worn.t_cf, "T_CF"), covariances
 
-    def _begin_worn(self, who: str) -> None:
-        """The folder of a worn camera with its calibration and its lists."""
+    def _begin_worn(self, who: str, *, body: bool | None = None) -> None:
+        """The folder of a worn camera: its lists, its calibration, which says ``body`` once a view tells."""
         place = worn_place(self._partial, who)
-        if not place.folder.exists():
+        begun = place.folder.exists()
+        if not begun:
             (place.folder / "data").mkdir(parents=True)
-            self._write_sensor(place.folder, self._worn_cameras[who], self._masks.worn.get(who))
+        if not begun or (body is not None and who not in self._bodies):
+            mask = self._masks.worn.get(who)
+            self._write_sensor(place.folder, self._worn_cameras[who], mask, body=body is not False)
+        if body is not None:
+            self._bodies[who] = body
+        if not begun:
             self._begin(place.poses, f"{_POSE_COLUMNS},{_TRIANGLE_COLUMNS}")
             self._begin(place.folder / "data.csv", _IMAGE_COLUMNS)
 
-    def _write_sensor(self, folder: Path, camera: Camera, mask: Mask | None) -> None:
+    def _write_sensor(self, folder: Path, camera: Camera, mask: Mask | None, *, body: bool = True) -> None:
         content = sensor_mapping(camera)
+        if not body:
+            content["body"] = False
         if mask is not None:
             content["mask"] = _MASK
             if not cv2.imwrite(str(folder / _MASK), 255 * mask.astype(np.uint8)):
@@ -351,7 +368,6 @@ class RecordingWriter:
         _write_yaml(folder / "sensor.yaml", content)
 
     def _write_view(self, who: str, stamp: int, image: Image, t_cf: Array, covariances: list[Array]) -> None:
-        self._begin_worn(who)
         place = worn_place(self._partial, who)
         name = self._write_image(place.folder, stamp, image)
         triangles = [repr(float(x) + 0.0) for c in covariances for x in c[TRIANGLE]]

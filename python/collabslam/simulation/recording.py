@@ -32,9 +32,6 @@ POSITION_SD = 0.03
 ROTATION_SD = (0.5, 1.0, 0.5)
 """Standard deviation of the measured attitude about F's x (pitch), y (yaw) and z (roll) axes, degrees."""
 
-NOTHING_LASTS: Array = np.zeros((6, 6))
-"""What lasts of that error: each view has one of its own."""
-
 DEMO_METRES = 40.0
 """Length of the demo's way."""
 
@@ -59,6 +56,8 @@ class SimulatedRecording(RenderedRecording):
     conditions : Conditions
         Of the cameras.
     """
+
+    body = False
 
     def __init__(
         self,
@@ -100,8 +99,8 @@ class SimulatedRecording(RenderedRecording):
         if not self._walk.looks_ahead(t):
             return None
         generator = np.random.Generator(np.random.PCG64((self._seed, 1, number)))
-        t_cf, covariance = measured_pose(pose_inverse(self.robot(t)) @ self.person(t), generator)
-        return WornView(self._expose(1, t, generator.spawn(2)[1]), t_cf, covariance, NOTHING_LASTS, t=t)
+        measured = measured_pose(pose_inverse(self.robot(t)) @ self.person(t), generator)
+        return self.view(self._expose(1, t, generator.spawn(2)[1]), measured, t)
 
     def _noise(self, i: int) -> np.random.Generator:
         return np.random.Generator(np.random.PCG64((self._seed, i)))
@@ -114,8 +113,8 @@ class SimulatedRecording(RenderedRecording):
         views: tuple[WornView, ...] = ()
         if self._walk.looks_ahead(t):
             generator = self._noise(i)
-            t_cf, covariance = measured_pose(self.true_t_cf(i), generator)
-            views = (WornView(self._expose(1, t, generator.spawn(2)[1]), t_cf, covariance, NOTHING_LASTS),)
+            measured = measured_pose(self.true_t_cf(i), generator)
+            views = (self.view(self._expose(1, t, generator.spawn(2)[1]), measured),)
         return Frame(i, t, self.image(i), views)
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:

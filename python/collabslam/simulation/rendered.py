@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +13,12 @@ import numpy.typing as npt
 from collabslam._core import Camera
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse
-from collabslam.types import Array, Frame, Image
+from collabslam.types import Array, Frame, Image, WornView
 
 PIXEL_NOISE = 2.5
 """Standard deviation of the pictures' noise, grey levels, where a sensor has no other."""
+NOTHING_LASTS: Array = np.zeros((6, 6))
+"""What lasts of T_CF's error: each view has one of its own."""
 VIGNETTING = 0.18
 """Share of the light that is lost in the corners."""
 
@@ -51,7 +54,14 @@ class RenderedRecording(ABC):
         T_WC.
     sensor : Sensor, optional
         Of both cameras.
+
+    Attributes
+    ----------
+    body : bool
+        Whether the pictures show who wears Cf (`collabslam.types.WornView`).
     """
+
+    body: ClassVar[bool]
 
     def __init__(
         self,
@@ -86,6 +96,12 @@ class RenderedRecording(ABC):
         """True T_CF (4, 4) of frame `i`, with or without Cf's view. For scoring, never for the filter."""
         i = self._check(i)
         return np.asarray(pose_inverse(self.truth[i]) @ self.person(float(self.times[i])))
+
+    def view(
+        self, image: Image, measured: tuple[Array, Array], t: float | None = None, who: str = ""
+    ) -> WornView:
+        """What Cf gives: a picture, T_CF with its covariance, whose errors do not last, and its own time."""
+        return WornView(image, *measured, NOTHING_LASTS, t, who, self.body)
 
     @abstractmethod
     def person(self, t: float) -> Array:

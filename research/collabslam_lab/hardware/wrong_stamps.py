@@ -11,8 +11,8 @@ from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
 from collabslam.geometry import pose_inverse
 from collabslam.simulation import SimulatedRecording, corridor_recording
 from collabslam.simulation.held import HeldRecording
-from collabslam.simulation.recording import NOTHING_LASTS, POSITION_SD, ROTATION_SD, measured_pose
-from collabslam.types import Frame, Image, WornView
+from collabslam.simulation.recording import POSITION_SD, ROTATION_SD, measured_pose
+from collabslam.types import Frame, Image
 from collabslam_lab.calibrated.trajectories import rendered
 from collabslam_lab.worlds import WorldRecording, world_recording
 
@@ -85,6 +85,6 @@ class WrongStamps(WrappedRecording):
             return frame
         t = frame.t + self._late
         true = pose_inverse(world.robot(t)) @ world.person(t)
-        t_cf, covariance = measured_pose(true, np.random.default_rng([19, i]), *self._sds)
-        worn = WornView(self._way.worn_picture(i, self._late), t_cf, covariance, NOTHING_LASTS)
+        measured = measured_pose(true, np.random.default_rng([19, i]), *self._sds)
+        worn = world.view(self._way.worn_picture(i, self._late), measured)
         return replace(frame, views=(worn,))

@@ -14,9 +14,9 @@ from collabslam._core import Camera
 from collabslam.errors import InputError
 from collabslam.geometry import rounded_covariance
 from collabslam.simulation.exposure import ExposureControl
-from collabslam.simulation.recording import NOTHING_LASTS, measured_pose
+from collabslam.simulation.recording import measured_pose
 from collabslam.simulation.rendered import RenderedRecording
-from collabslam.types import Array, Frame, Image, WornView
+from collabslam.types import Array, Frame, Image
 from collabslam_lab.worlds.building import Building
 from collabslam_lab.worlds.catalogue import Recipe
 from collabslam_lab.worlds.life import recipe
@@ -46,6 +46,8 @@ class WorldRecording(RenderedRecording):
     scene : Scene
         What has no noise.
     """
+
+    body = True
 
     def __init__(self, recipe: Recipe, seed: int = 0, *, keep: bool = False) -> None:
         if seed < 0:
@@ -90,7 +92,7 @@ class WorldRecording(RenderedRecording):
         t = float(self.times[i])
         _, of_image, of_pose = self._noise(i)
         t_cf, covariance = measured_pose(self.true_t_cf(i), of_pose)
-        view = WornView(self.worn_picture(t, of_image), t_cf, rounded_covariance(covariance), NOTHING_LASTS)
+        view = self.view(self.worn_picture(t, of_image), (t_cf, rounded_covariance(covariance)))
         return Frame(i, t, self.image(i), (view,))
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:

@@ -15,7 +15,7 @@ import numpy as np
 from collabslam.batch.processes import use_one_thread
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.geometry import pose_inverse, rotation_exp
-from collabslam.simulation.recording import NOTHING_LASTS, SimulatedRecording, pose_with_error
+from collabslam.simulation.recording import SimulatedRecording, pose_with_error
 from collabslam.simulation.renderer import Renderer
 from collabslam.simulation.trajectory import CorridorWalk
 from collabslam.simulation.world import corridor
@@ -96,7 +96,7 @@ class PersonsTrajectory:
             if (i, who) in self._views:
                 error = t_cf_error(len(NAMES) * self._seed + who, DRAWS * self._number + draw, i)
                 stated = pose_with_error(t_cf(who), error)
-                out.append(WornView(self._views[i, who], *stated, NOTHING_LASTS, who=NAMES[who]))
+                out.append(self.recording.view(self._views[i, who], stated, who=NAMES[who]))
         return out
 
     def go(self, persons: tuple[int, ...], draw: int) -> Went:

@@ -17,7 +17,7 @@ import numpy as np
 from collabslam._core import CandidateViews
 from collabslam.batch.processes import use_one_thread
 from collabslam.geometry import pose_inverse, rotation_exp
-from collabslam.simulation.recording import NOTHING_LASTS, SimulatedRecording, pose_with_error
+from collabslam.simulation.recording import SimulatedRecording, pose_with_error
 from collabslam.simulation.renderer import Renderer
 from collabslam.simulation.trajectory import CorridorWalk
 from collabslam.simulation.world import corridor
@@ -101,9 +101,7 @@ class Trajectory:
         true[:3, :3] = attitude
         generator = np.random.Generator(np.random.PCG64((*self._seed, i)))
         picture = self.recording.worn_picture_at(self.recording.truth[i] @ true, generator)
-        return WornView(
-            picture, *pose_with_error(true, t_cf_error(*self._seed, i)), NOTHING_LASTS, body=False
-        )
+        return self.recording.view(picture, pose_with_error(true, t_cf_error(*self._seed, i)))
 
     def _true(self, i: int) -> Array:
         true = np.eye(4)

@@ -88,6 +88,33 @@ def test_what_is_refused_leaves_the_recording_as_it_was(clip: Clip, tmp_path: Pa
         RecordingWriter(tmp_path / "none", source.camera, name="a/b")
 
 
+@pytest.mark.parametrize("who", ["", "anna"])
+@pytest.mark.parametrize("body", [True, False])
+def test_whether_somebody_wears_cf_is_written(clip: Clip, tmp_path: Path, body: bool, who: str) -> None:
+    source, frame = clip.recording, clip.frames[0]
+    worn, walk = replace(frame.views[0], who=who, body=body), tmp_path / "walk"
+    cameras = {who: source.worn_camera} if who else source.worn_camera
+    with RecordingWriter(walk, source.camera, cameras) as writer:
+        writer.add(0.0, frame.image)
+        writer.add(1.0, frame.image, [worn])
+        with pytest.raises(InputError, match="all of them the same"):
+            writer.add(2.0, frame.image, [replace(worn, body=not body)])
+        writer.add(3.0, frame.image, [worn])
+    read = open_recording(walk)
+    assert [[view.body for view in read.frame(i).views] for i in range(3)] == [[], [body], [body]]
+    sensor = (walk / "worn" / who if who else walk / "cam1") / "sensor.yaml"
+    assert ("body" in sensor.read_text()) is not body
+    sensor.write_text(yaml.safe_dump(yaml.safe_load(sensor.read_text()) | {"body": "none"}))
+    with pytest.raises(DataError, match=r"'body' of .* is 'none'"):
+        open_recording(walk)
+
+
+def test_the_demo_shows_nobody(clip: Clip) -> None:
+    views = [view for frame in clip.frames for view in frame.views]
+    assert views
+    assert not any(view.body for view in views)
+
+
 def test_a_loop_that_breaks_off_leaves_what_it_had(clip: Clip, tmp_path: Path) -> None:
     camera, image = clip.recording.camera, clip.frames[0].image
     with pytest.raises(KeyboardInterrupt):

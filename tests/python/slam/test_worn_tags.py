@@ -15,7 +15,7 @@ from collabslam.cli import main as cli
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
 from collabslam.results import StepResult
 from collabslam.settings.table import Settings
-from collabslam.simulation.recording import NOTHING_LASTS
+from collabslam.simulation.rendered import NOTHING_LASTS
 from collabslam.types import Array
 from collabslam_lab.switches import with_switches
 

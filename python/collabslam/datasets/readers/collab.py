@@ -13,7 +13,8 @@
     imu0/sensor.yaml            how that sits and how good it is, see `collabslam.datasets.imu.description`
 
 A camera's ``sensor.yaml`` may name an image of what is never scene, beside it: ``mask: mask.png`` (see
-`collabslam.datasets.masks`).
+`collabslam.datasets.masks`).  That of a worn camera says ``body: false`` where nobody wears it: its views are
+`WornView` with ``body=False``.
 
 Version 2 is that of several persons, each with a camera.  `recording.yaml` then names them, as
 ``worn: [anna, ben]``, and each has a folder in place of ``cam1`` and ``relpose``::
@@ -36,8 +37,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collabslam._core import Camera
-from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.calibration import Calibration, load_camera, read_calibration
 from collabslam.datasets.gate import data_lines, read_keys
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.odometry import TRIANGLE, of_table
@@ -157,18 +157,18 @@ def _read_worn(place: WornPlace, stamps: list[int]) -> RecordedWorn:
             f"No view in {folder} has a row of {relative_poses} within 5 ms, and a frame of cam0 after "
             "it; put all three on the same clock."
         )
-    camera, found = load_camera(folder / "sensor.yaml"), {}
+    calibration, found = read_calibration(folder / "sensor.yaml"), {}
     for i, j in of_frames.items():
         k = known[j]
         own = own_time(view_stamps[k], stamps[i])
-        found[i] = partial(_read_view, paths[k], camera, poses[measured[k]], own)
-    return RecordedWorn(camera, found)
+        found[i] = partial(_read_view, paths[k], calibration, poses[measured[k]], own)
+    return RecordedWorn(calibration.camera, found)
 
 
 def _read_view(
-    path: Path, camera: Camera, pose: tuple[Array, Array, Array | None], t: float | None
+    path: Path, of: Calibration, pose: tuple[Array, Array, Array | None], t: float | None
 ) -> WornView:
-    return WornView(read_grey(path, camera), *pose, t)
+    return WornView(read_grey(path, of.camera), *pose, t, body=of.body)
 
 
 def _read_odometry(folder: Path) -> Odometry | None:
