@@ -91,7 +91,8 @@ class _Scene:
         for n, (label, result) in enumerate(results.items()):
             self._grow(above, _way(result), *self._style(n), label)
         _fit(above, [way for _, way in self._lines], 3.0)
-        above.legend(loc="upper left", fontsize=7, ncols=3, frameon=False)
+        above.invert_yaxis()  # as seen from above: who looks ahead has the right hand below
+        above.legend(loc="lower left", fontsize=7, ncols=3, frameon=False)
         if known:
             below = self._axes((0.09, 0.08, 0.88, 0.15))
             below.set_xlabel("time, s", fontsize=8, labelpad=1)
@@ -176,7 +177,7 @@ def _errors(result: RunResult) -> Array:
 
 
 def _fit(axes: Axes, curves: Sequence[Array], above: float) -> None:
-    """Limits that hold all curves, with room above them for the legend."""
+    """Limits that hold all curves, with room beyond the largest value for a legend."""
     seen = np.concatenate([curve[np.isfinite(curve).all(axis=1)] for curve in curves])
     low, high = seen.min(axis=0), seen.max(axis=0)
     margin = 0.05 * (high - low) + 1e-6
