@@ -178,14 +178,24 @@ def _loops(axes: Axes, submaps: SubmapPoses | None) -> None:
         axes.plot(ends[:, 2], ends[:, 0], color=LOOPS, linewidth=2.2, label=label, zorder=6)
 
 
+def _deviation(covariances: Array) -> Array:
+    """Standard deviations (N,) over all axes of covariances (N, 3, 3)."""
+    return np.asarray(np.sqrt(np.maximum(np.trace(covariances, axis1=1, axis2=2), 0.0)))
+
+
 def _scene(axes: Axes, runs: list[RunResult]) -> None:
     """What surrounds the paths: map and worn camera of the last run, limits, labels."""
     low, high = _view_box(runs)
     last = runs[-1]
     landmarks = last.landmarks if last.submaps is None else last.submaps.landmarks
     points = np.asarray(landmarks.points, np.float64).reshape(-1, 3)
-    p = np.asarray(landmarks.covariance, np.float64).reshape(-1, 3, 3)
-    sure = np.sqrt(np.maximum(np.trace(p, axis1=1, axis2=2), 0.0)) < _SURE_M
+    sd = _deviation(np.asarray(landmarks.covariance, np.float64).reshape(-1, 3, 3))
+    sure = sd < _SURE_M
+    if (valid := last.record.valid).any():  # as sure as the way beside them, but for so much
+        way = last.record.poses[valid, :3, 3]
+        apart = np.linalg.norm(points[:, None, ::2] - way[None, :, ::2], axis=2)
+        beside = _deviation(last.record.covariances[valid, :3, :3])[np.argmin(apart, axis=1)]
+        sure = sd < _SURE_M + beside
     if sure.any():
         style_of: dict[str, Any] = {"s": 7, "color": POINTS, "linewidths": 0, "zorder": 1}
         axes.scatter(points[sure, 2], points[sure, 0], label="points of the map", **style_of)
