@@ -1219,6 +1219,20 @@ class Filter:
         InputError
             If the filter has started.
         """
+    def go_on_at(self, velocity: ArrayLike) -> None:
+        """Lets a camera that is lost go on at a velocity, without turning; what it was taken to do before may
+        be right, too, so the square of what lies between them joins the covariance (METHOD 3).
+
+        Parameters
+        ----------
+        velocity : (3,) array
+            In W, m/s.
+
+        Raises
+        ------
+        InputError
+            For numbers that are not finite, and before the start.
+        """
     def landmarks(self) -> Landmarks:
         """The map, without features that have no point yet (rho <= 0).
 

@@ -248,6 +248,7 @@ fn rolling_bearing(
             height: 480.0,
             velocity: motion.fixed_rows::<3>(0).into_owned(),
             turning: motion.fixed_rows::<3>(3).into_owned(),
+            is_speed_known: true,
         };
         Rows::bearing(camera, pose, feature, &at, 1.0, Some(&shutter)).expect("visible")
     };
@@ -420,7 +421,7 @@ fn delayed_birth_depends_on_both_poses() {
         check("birth by pose now", &vector_of(&now), &new.by_pose, |x| {
             born(&pose_of(x), &first).mean
         });
-        let (_, by_first, _) = new.by_other.expect("depends on the clone");
+        let by_first = new.by_others[0].by;
         check("birth by first pose", &vector_of(&first), &by_first, |x| {
             born(&now, &pose_of(x)).mean
         });
@@ -445,7 +446,7 @@ fn birth_from_a_point() {
             &new.by_pose,
             |x| NewFeature::from_point(&pose_of(x), &point, &noise, None).mean,
         );
-        let (_, by, _) = new.by_other.expect("shares an error");
+        let by = new.by_others[0].by;
         let by_point = by.fixed_view::<6, 3>(0, 0).into_owned();
         check("point birth by point", &point, &by_point, |p| {
             NewFeature::from_point(&pose, p, &noise, None).mean

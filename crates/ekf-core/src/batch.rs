@@ -4,7 +4,7 @@
 //! formed: with `S = L L^T` and `V = P H^T L^-T`, the update is `x += V L^-1 g`, `P -= V V^T` (B1-B5).
 
 use crate::error::EkfError;
-use crate::gauge::{GAUGES, Gauge};
+use crate::gauge::{GAUGES, Gauge, SCALE};
 use crate::guard;
 use crate::kernel::{self, Panels};
 use crate::observe::POSE_DIM;
@@ -15,7 +15,7 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{MatMut, MatRef, Par, Spec};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector6};
 
 /// Buffers of the batch; they only grow, so a warm step allocates nothing.
 #[derive(Default)]
@@ -100,18 +100,56 @@ impl Workspace {
 
     /// By how much the first `rows` rows alone would move the mean, row by row as P is stored. Valid after the factorisation.
     pub(crate) fn moved_by_first(&self, rows: usize) -> Vec<f64> {
-        let (m, mut weights) = (self.rows(), self.y[..rows].to_vec());
-        for k in (0..rows).rev() {
-            let later = (k + 1..rows).map(|i| self.l[i + k * m] * weights[i]);
-            weights[k] = (weights[k] - later.sum::<f64>()) / self.l[k + k * m];
+        let weights = self.weights(self.y[..rows].to_vec());
+        let by_row = |i| self.gained(i, &weights);
+        (0..self.pht.rows()).map(by_row).collect()
+    }
+
+    /// `L^-T v` of the first rows.
+    fn weights(&self, mut v: Vec<f64>) -> Vec<f64> {
+        let m = self.rows();
+        for k in (0..v.len()).rev() {
+            let later = (k + 1..v.len()).map(|i| self.l[i + k * m] * v[i]);
+            v[k] = (v[k] - later.sum::<f64>()) / self.l[k + k * m];
         }
-        let by_row = |i| {
-            weights
-                .iter()
-                .enumerate()
-                .map(move |(k, w)| self.pht.get(i, k) * w)
-        };
-        (0..self.pht.rows()).map(|i| by_row(i).sum()).collect()
+        v
+    }
+
+    /// Row `i` of `P H^T`, as P is stored, times `weights`.
+    fn gained(&self, i: usize, weights: &[f64]) -> f64 {
+        let weights = weights.iter().enumerate();
+        weights.map(|(k, w)| self.pht.get(i, k) * w).sum()
+    }
+
+    /// By how much the update would move six numbers of the mean from `at` on only because it changes the scale: its step along
+    /// the scale, times the regression of the six on that after the update. Zero where nothing tells the scale. Valid after
+    /// the factorisation, with a gauge that is prepared.
+    pub(crate) fn moved_with_scale(
+        &self,
+        gauge: &Gauge,
+        slots: &[usize],
+        at: usize,
+    ) -> Vector6<f64> {
+        let mut seen = Vec::with_capacity(self.rows());
+        for block in &self.blocks {
+            seen.extend((0..block.rows.count).map(|r| gauge.seen_by(block, slots, r, SCALE)));
+        }
+        solve_lower_triangular_in_place(
+            MatRef::from_column_major_slice(&self.l, self.rows(), self.rows()),
+            MatMut::from_column_major_slice_mut(&mut seen, self.rows(), 1),
+            Par::Seq,
+        );
+        let taken: f64 = seen.iter().map(|c| c * c).sum();
+        let left = gauge.scale_variance() - taken;
+        if left <= 0.0 || left.is_nan() {
+            return Vector6::zeros();
+        }
+        let growth: f64 = seen.iter().zip(&self.y).map(|(c, y)| c * y).sum();
+        let weights = self.weights(seen);
+        Vector6::from_fn(|i, _| {
+            let slot = slots[at + i];
+            (gauge.with_scale(slot) - self.gained(slot, &weights)) / left * growth
+        })
     }
 
     /// Largest change that the update makes to a number of the camera's pose, whose rows are stored first. Valid after

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
 
 from collabslam._core import Filter
+from collabslam.formats.schema import Check, array
 from collabslam.slam.consistency_monitor import NOTHING, ConsistencyMonitor
 from collabslam.slam.frame_outcome import FrameOutcome
 from collabslam.slam.gyro_monitor import GyroMonitor
 from collabslam.slam.recovery.relocalise import Relocaliser
+from collabslam.slam.state import PersistentState
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.submaps.submaps import Submaps
 from collabslam.types import Status
 
+_SECONDS = 1.0
+"""A camera that is lost goes on as it did in the last so many seconds in which its frames were trusted."""
 
-class Verdict:
+
+class Verdict(PersistentState):
     """Judges frames; a place that is trusted is kept, to be found again and as part of a submap.
 
     Parameters
@@ -26,6 +34,8 @@ class Verdict:
     submaps : Submaps
     gyro : GyroMonitor
     """
+
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {"_went": array("<f8", None, 4)}
 
     def __init__(
         self,
@@ -39,6 +49,7 @@ class Verdict:
     ) -> None:
         self._filter, self._monitor, self._consistency = core, monitor, consistency_monitor
         self._relocaliser, self._submaps, self._gyro = relocaliser, submaps, gyro
+        self._went = np.empty((0, 4))
 
     def of(self, outcome: FrameOutcome) -> tuple[Status, dict[str, Any]]:
         """The status of a frame, and its diagnostics ``degraded_by`` and ``loops``."""
@@ -57,6 +68,8 @@ class Verdict:
             cause = self._consistency.judge(*measured, jumped=outcome.jumped)
         trusted = status is Status.OK and not outcome.found_again
         if trusted:
+            recent = self._went[self._went[:, 0] > view.t - _SECONDS]
+            self._went = np.vstack([recent, [view.t, *self._filter.velocity]])
             self._relocaliser.remember(view, self._filter.pose, outcome.seen)
         follows = trusted and cause == NOTHING
         loops = self._submaps.follow(view, outcome.seen.without(change.deleted)) if follows else 0
@@ -81,7 +94,8 @@ class Verdict:
         """Status of the frame; before the start nothing can be said of a pose."""
         if not self._filter.started:
             return Status.NOT_STARTED
-        return self._monitor.update(
+        lost = self._monitor.lost
+        status = self._monitor.update(
             t,
             inliers,
             accepted=accepted,
@@ -89,3 +103,6 @@ class Verdict:
             turned=self._gyro.used,
             identified=identified,
         )
+        if self._monitor.lost and not lost and len(self._went):
+            self._filter.go_on_at(np.median(self._went[:, 1:], axis=0))
+        return status

@@ -3,8 +3,9 @@
 use super::two_view::TwoView;
 use crate::camera::Camera;
 use crate::math::{inverse_depth, quat};
-use crate::observe::point::CameraPose;
-use crate::observe::shutter::MOTION_DIM;
+use crate::observe::point::{CameraPose, POSE_DIM};
+use crate::observe::shutter::Unrolled;
+use crate::scale::LogRange;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
 /// Mean, derivatives and noise of a newborn feature `[p(3) theta phi rho]`.
@@ -14,18 +15,25 @@ pub struct NewFeature {
     pub mean: Vector6<f64>,
     /// Derivative by the camera's `[r q]`.
     pub by_pose: SMatrix<f64, 6, 7>,
-    /// Derivative by another block of the state: its offset, and up to seven columns.
-    pub by_other: Option<(usize, SMatrix<f64, 6, 7>, usize)>,
+    /// Derivatives by other parts of the state.
+    pub by_others: Vec<ByPart>,
     /// Derivative by its pixel in Cs.
     pub by_pixel: SMatrix<f64, 6, 2>,
-    /// Derivative by the camera's `[v w]` and by the readout of its shutter, and the offset of that, where it may roll.
-    pub by_motion: Option<(usize, SMatrix<f64, 6, MOTION_DIM>)>,
-    /// Derivative by how the worn camera moved while its image was read, and the offset of that.
-    pub by_roll: Option<(usize, Matrix6<f64>)>,
     /// Derivative by the error of Cs's calibration.
     pub by_calibration: SMatrix<f64, 6, 6>,
     /// Covariance of everything that is not in the state (pixels, and T_CF where it is independent).
     pub noise: SMatrix<f64, 6, 6>,
+}
+
+/// Derivative of a newborn feature by a part of the state.
+#[derive(Clone, Copy, Debug)]
+pub struct ByPart {
+    /// Where the part begins.
+    pub offset: usize,
+    /// Its numbers.
+    pub width: usize,
+    /// As many columns.
+    pub by: SMatrix<f64, 6, 7>,
 }
 
 impl NewFeature {
@@ -45,10 +53,8 @@ impl NewFeature {
         Self {
             mean,
             by_pose,
-            by_other: None,
+            by_others: Vec::new(),
             by_pixel: SMatrix::zeros(),
-            by_motion: None,
-            by_roll: None,
             by_calibration: SMatrix::zeros(),
             noise: SMatrix::zeros(),
         }
@@ -125,12 +131,26 @@ impl NewFeature {
             .fixed_view_mut::<1, 3>(5, 0)
             .copy_from(&(-point.transpose() * rho.powi(3)));
         new.noise = by_point * noise * by_point.transpose();
-        new.by_other = shared.map(|(offset, j)| {
-            let mut by = SMatrix::<f64, 6, 7>::zeros();
-            by.fixed_view_mut::<6, 6>(0, 0).copy_from(&(by_point * j));
-            (offset, by, 6)
-        });
+        if let Some((offset, j)) = shared {
+            new.depend_on(offset, &(by_point * j));
+        }
         new
+    }
+
+    fn depend_on<const C: usize>(&mut self, offset: usize, by: &SMatrix<f64, 6, C>) {
+        let mut part = ByPart {
+            offset,
+            width: C,
+            by: SMatrix::zeros(),
+        };
+        part.by.fixed_view_mut::<6, C>(0, 0).copy_from(by);
+        self.by_others.push(part);
+    }
+
+    fn rho_depends_on<const C: usize>(&mut self, offset: usize, by: &SMatrix<f64, 1, C>) {
+        let mut all = SMatrix::<f64, 6, C>::zeros();
+        all.set_row(5, by);
+        self.depend_on(offset, &all);
     }
 
     /// Lets rho depend on the 6-number error of T_CF that sits in the state at `offset`, and on the roll that follows it, where
@@ -141,13 +161,10 @@ impl NewFeature {
         rho_by_error: &SMatrix<f64, 1, 6>,
         roll: Option<f64>,
     ) {
-        let mut by = SMatrix::<f64, 6, 7>::zeros();
-        by.fixed_view_mut::<1, 6>(5, 0).copy_from(rho_by_error);
-        self.by_roll = roll.map(|share| {
-            let by_roll = by.fixed_columns::<6>(0) * share;
-            (offset + 6, by_roll)
-        });
-        self.by_other = Some((offset, by, 6));
+        self.rho_depends_on(offset, rho_by_error);
+        if let Some(share) = roll {
+            self.rho_depends_on(offset + 6, &(rho_by_error * share));
+        }
     }
 
     /// Lets rho depend on the error of Cs's calibration through the other view's pixel too, where that view is one of Cs.
@@ -156,28 +173,70 @@ impl NewFeature {
         rho -= view.rho_by_other_pixel * other_warp;
     }
 
-    /// Lets the feature depend on the camera's motion under the shutter, by the derivative of its pixel by that.
-    pub fn share_motion(&mut self, by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>) {
-        self.by_motion = by_motion.map(|(readout, by)| (readout, self.by_pixel * by));
+    /// Lets the feature depend on the camera's motion under the shutter, and on its attitude, as its pixel does.
+    pub fn share_motion(&mut self, unrolled: &Unrolled) {
+        let by_attitude = self.by_pixel * unrolled.by_attitude;
+        let mut by_pose = self.by_pose.fixed_view_mut::<6, 4>(0, 3);
+        by_pose += by_attitude;
+        if let Some((readout, by)) = unrolled.by_motion {
+            let by = self.by_pixel * by;
+            self.depend_on::<6>(POSE_DIM, &by.fixed_columns::<6>(0).into_owned());
+            self.depend_on::<1>(readout, &by.fixed_columns::<1>(6).into_owned());
+        }
     }
 
-    /// Lets rho depend on the motion under the shutter through the other view's pixel too, where that view is one of Cs.
-    pub fn share_first_motion(
+    /// Lets the feature depend on the readout as the pixel of a candidate's first view does, `by_pixel` the derivative by that.
+    pub fn share_readout(
         &mut self,
-        view: &TwoView,
-        by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>,
+        by_pixel: &SMatrix<f64, 6, 2>,
+        by_readout: Option<(usize, Vector2<f64>)>,
     ) {
-        if let (Some((_, by)), Some((_, first))) = (&mut self.by_motion, by_motion) {
-            let mut rho = by.fixed_view_mut::<1, MOTION_DIM>(5, 0);
-            rho += view.rho_by_other_pixel * first;
+        if let Some((readout, by)) = by_readout {
+            self.depend_on::<1>(readout, &(by_pixel * by));
         }
+    }
+
+    /// Lets rho, a share of the inverse range of a landmark from the camera as it is now, depend on both: the share is a guess, which
+    /// says nothing of how large the scene is. `offset` is the landmark's in the state.
+    pub(crate) fn keep_ratio(&mut self, offset: usize, range: &LogRange) {
+        let rho = self.mean[5];
+        let mut by_camera = self.by_pose.fixed_view_mut::<1, 3>(5, 0);
+        by_camera -= range.by_camera.transpose() * rho;
+        self.rho_depends_on(offset, &(range.by_feature.transpose() * -rho));
+    }
+
+    /// How far the point is says by how much the shutter has moved its pixel: lets the feature depend on its own inverse range
+    /// through that, `y = f(.., uv(rho))` with rho the last of y, by all that it depends on already. So a map that grows, and the
+    /// camera's velocity with it, leaves the pixel where it is. Last of all.
+    pub fn follow_own_range(&mut self, unrolled: &Unrolled) {
+        let through = self.by_pixel * unrolled.by_rho;
+        let own = 1.0 - through[5];
+        if own < 0.5 {
+            // As much of rho as that from the shutter alone: there is no telling.
+            return;
+        }
+        let closed = |by: &mut SMatrix<f64, 6, 7>| {
+            let by_rho = by.row(5).into_owned();
+            *by += through * by_rho / own;
+        };
+        closed(&mut self.by_pose);
+        self.by_others
+            .iter_mut()
+            .for_each(|part| closed(&mut part.by));
+        let rest = self.by_calibration.row(5).into_owned();
+        self.by_calibration += through * rest / own;
+        let mut all = Matrix6::identity();
+        let mut last = all.fixed_columns_mut::<1>(5);
+        last += through / own;
+        self.noise = all * self.noise * all.transpose();
+        self.by_pixel = all * self.by_pixel;
     }
 
     /// Makes a feature seen in one view depend on the pose of the candidate's first view, not on the present pose.
     pub fn seen_from_first_pose(&mut self, first_pose: FirstPoseCovariance<'_>) {
         let by = std::mem::replace(&mut self.by_pose, SMatrix::zeros());
         match first_pose {
-            FirstPoseCovariance::InState(offset) => self.by_other = Some((offset, by, 7)),
+            FirstPoseCovariance::InState(offset) => self.depend_on(offset, &by),
             FirstPoseCovariance::Independent(cov) => self.noise += by * cov * by.transpose(),
         }
     }
@@ -213,11 +272,7 @@ impl NewFeature {
                 * quat::tangent(&first.q)),
         );
         match first_pose {
-            FirstPoseCovariance::InState(offset) => {
-                let mut by = SMatrix::<f64, 6, 7>::zeros();
-                by.set_row(5, &by_first);
-                self.by_other = Some((offset, by, 7));
-            }
+            FirstPoseCovariance::InState(offset) => self.rho_depends_on(offset, &by_first),
             FirstPoseCovariance::Independent(cov) => {
                 self.noise[(5, 5)] += (by_first * cov * by_first.transpose())[(0, 0)];
             }

@@ -20,6 +20,8 @@ pub(crate) struct Workspace {
     pub(crate) buffers: Buffers,
     /// The whole state, if it was asked for since the last change.
     pub(crate) shown: OnceLock<Box<State>>,
+    /// While a camera that was lost is put somewhere: nothing tells its speed.
+    pub(crate) found_again: bool,
 }
 
 impl Clone for Workspace {

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 /// Turns about the three axes of W, and scale.
 pub const GAUGES: usize = 4;
-pub(super) const SCALE: usize = 3;
+pub(crate) const SCALE: usize = 3;
 /// Squared sd(rho) / rho below which depths count as equally well known.
 const EXACT: f64 = 1e-6;
 /// Squared horizontal part of a ray below which its azimuth is left alone.

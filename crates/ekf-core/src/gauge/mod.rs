@@ -30,7 +30,7 @@ use crate::kernel::Product;
 use crate::observe::block::MeasurementBlock;
 use crate::observe::{FEATURE_DIM, POSE_DIM};
 use crate::state::{Block, CAMERA_DIM, InWorld, Layout, Rest, State};
-use directions::SCALE;
+pub(crate) use directions::SCALE;
 use nalgebra::SMatrix;
 use std::ops::Range;
 
@@ -102,6 +102,21 @@ impl Gauge {
                 None => state.p.times(by_scale, &self.idle, scale),
             }
         }
+    }
+
+    /// Variance of the scale by its coordinate, before the update. Zero where nothing tells it.
+    pub(crate) fn scale_variance(&self) -> f64 {
+        let n = self.along.len() / GAUGES;
+        let (b, along) = (
+            column(&self.stored, n, SCALE),
+            column(&self.along, n, SCALE),
+        );
+        b.iter().zip(along).map(|(b, p)| b * p).sum()
+    }
+
+    /// Covariance of a stored row with the scale's coordinate, before the update.
+    pub(crate) fn with_scale(&self, slot: usize) -> f64 {
+        column(&self.along, self.along.len() / GAUGES, SCALE)[slot]
     }
 
     /// `H P B` of a block with the prepared `P B`, row `r` of it for the coordinate `k`.

@@ -31,14 +31,9 @@ const SLACK: f64 = 1e-15;
 
 /// Whether the numbers of a newborn feature may join the state.
 pub(crate) fn newborn_is_sane(new: &NewFeature) -> bool {
-    let by_other = new.by_other.iter().flat_map(|(_, by, _)| by.iter());
-    let jacobians = new.by_pose.iter().chain(by_other);
-    let by_motion = new.by_motion.iter().flat_map(|(_, by)| by.iter());
-    let by_roll = new.by_roll.iter().flat_map(|(_, by)| by.iter());
-    let jacobians = jacobians
-        .chain(new.by_calibration.iter())
-        .chain(by_motion)
-        .chain(by_roll);
+    let by_others = new.by_others.iter().flat_map(|part| part.by.iter());
+    let jacobians = new.by_pose.iter().chain(by_others);
+    let jacobians = jacobians.chain(new.by_calibration.iter());
     within(new.mean.iter().copied(), LARGEST)
         && new.mean[5].abs() <= LARGEST_RHO
         && within(jacobians.copied(), LARGEST)

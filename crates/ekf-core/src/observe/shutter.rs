@@ -6,7 +6,7 @@
 use super::point::{CameraPose, POSE_DIM};
 use crate::camera::Camera;
 use crate::math::quat;
-use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{SMatrix, Vector2, Vector3};
 
 /// Numbers that a row's time brings in: `[v w]` of the camera, and the readout.
 pub(crate) const MOTION_DIM: usize = 7;
@@ -24,6 +24,8 @@ pub struct Shutter {
     pub velocity: Vector3<f64>,
     /// `w_C`, rad/s.
     pub turning: Vector3<f64>,
+    /// Whether `velocity` was told by anything but these rows: what they leave of a speed that may be any is garbage.
+    pub is_speed_known: bool,
 }
 
 /// The camera at the time of one row.
@@ -53,6 +55,32 @@ impl ByMotion {
     }
 }
 
+/// A pixel as it would be if all rows were taken with the middle one.
+#[derive(Clone, Copy, Debug)]
+pub struct Unrolled {
+    /// The pixel.
+    pub uv: Vector2<f64>,
+    /// Its derivative by the quaternion of the frame's attitude.
+    pub by_attitude: SMatrix<f64, 2, 4>,
+    /// Offset of the readout in the state, and the derivative by `[v w readout]`, where the shutter may roll.
+    pub by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>,
+    /// Its derivative by the inverse range of its point: that and the velocity tell by how much the way moves it, so that a
+    /// scene twice as large, crossed twice as fast, is moved alike.
+    pub by_rho: Vector2<f64>,
+}
+
+impl Unrolled {
+    /// A pixel that no shutter has moved.
+    pub(crate) fn as_seen(uv: &Vector2<f64>) -> Self {
+        Self {
+            uv: *uv,
+            by_attitude: SMatrix::zeros(),
+            by_motion: None,
+            by_rho: Vector2::zeros(),
+        }
+    }
+}
+
 /// How far down an image of so many rows that of a pixel is: -1/2 for the first, 1/2 for the last.
 pub(crate) fn down_the_image(uv: &Vector2<f64>, height: f64) -> f64 {
     uv.y / height - 0.5
@@ -75,7 +103,9 @@ impl Shutter {
             .fixed_view_mut::<4, 4>(3, 3)
             .copy_from(&quat::right(&step));
         let mut by_motion = SMatrix::<f64, 7, MOTION_DIM>::zeros();
-        by_motion.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(tau);
+        if self.is_speed_known {
+            by_motion.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(tau);
+        }
         by_motion
             .fixed_view_mut::<4, 3>(3, 3)
             .copy_from(&(by_turn * tau));
@@ -95,20 +125,21 @@ impl Shutter {
         }
     }
 
-    /// Where a pixel would be if all rows were taken with the middle one, and its derivative by `[v w readout]`; `rho` is the
-    /// inverse range of the point from the camera, 1/m. `None` where the pixel has no ray, or no place in the image then.
+    /// A pixel as it would be if all rows were taken with the middle one; `q` is the frame's attitude, `rho` the inverse range of
+    /// the point from the camera, 1/m. `None` where the pixel has no ray, or no place in the image then.
     pub fn unrolled(
         &self,
         camera: &Camera,
-        r_wc: &Matrix3<f64>,
+        q: &quat::Quat,
         uv: &Vector2<f64>,
         rho: f64,
-    ) -> Option<(Vector2<f64>, SMatrix<f64, 2, MOTION_DIM>)> {
+    ) -> Option<Unrolled> {
         let share = self.share(uv);
         let tau = share * self.readout;
         let turned = quat::rotation_exp(&(self.turning * tau)) * camera.unproject(uv)?;
-        let way = r_wc.transpose() * rho;
-        let (seen, by_ray) = camera.project_jac(&(turned + way * self.velocity * tau))?;
+        let r_cw = quat::rotation(q).transpose();
+        let (way, step) = (r_cw * rho, r_cw * self.velocity * tau);
+        let (seen, by_ray) = camera.project_jac(&(turned + step * rho))?;
         let by_turn = -quat::skew(&turned);
         let mut by_step = SMatrix::<f64, 3, 6>::zeros();
         by_step.fixed_view_mut::<3, 3>(0, 0).copy_from(&way);
@@ -119,7 +150,12 @@ impl Shutter {
             .copy_from(&((way * self.velocity + by_turn * self.turning) * share));
         // Only what the motion changes: a lens model is not exactly undone by its inverse.
         let unmoved = camera.project(&camera.unproject(uv)?)?;
-        Some((uv + seen - unmoved, by_ray * by))
+        Some(Unrolled {
+            uv: uv + seen - unmoved,
+            by_attitude: by_ray * quat::skew(&step) * quat::tangent(q) * rho,
+            by_motion: Some((self.offset, by_ray * by)),
+            by_rho: by_ray * step,
+        })
     }
 }
 
@@ -156,6 +192,7 @@ mod tests {
             height: 480.0,
             velocity: Vector3::from_column_slice(&numbers[..3]),
             turning: Vector3::from_column_slice(&numbers[3..6]),
+            is_speed_known: true,
         }
     }
 
@@ -201,8 +238,7 @@ mod tests {
     #[test]
     fn an_unrolled_pixel_is_what_the_frame_pose_sees() {
         let (camera, frame, shutter) = (camera(), pose(), shutter(&MOTION));
-        let r_wc = quat::rotation(&frame.q);
-        let point = frame.r + r_wc * Vector3::new(-0.6, 0.5, 2.0);
+        let point = frame.r + quat::rotation(&frame.q) * Vector3::new(-0.6, 0.5, 2.0);
         let project = |pose: &CameraPose| {
             let seen = quat::rotation(&pose.q).transpose() * (point - pose.r);
             camera.project(&seen).expect("in front")
@@ -213,7 +249,8 @@ mod tests {
             seen = project(&shutter.at(&frame, &seen).pose);
         }
         let rho = 1.0 / (point - shutter.at(&frame, &seen).pose.r).norm();
-        let (uv, ..) = shutter.unrolled(&camera, &r_wc, &seen, rho).expect("a ray");
+        let unrolled = shutter.unrolled(&camera, &frame.q, &seen, rho);
+        let uv = unrolled.expect("a ray").uv;
         assert!(
             (project(&frame) - seen).norm() > 5.0,
             "the test's shutter does not roll"
@@ -227,26 +264,37 @@ mod tests {
 
     #[test]
     fn an_unrolled_pixel_has_its_derivatives() {
-        let (camera, r_wc) = (camera(), quat::rotation(&pose().q));
-        let uv = Vector2::new(100.0, 420.0);
-        let (_, by) = shutter(&MOTION)
-            .unrolled(&camera, &r_wc, &uv, 0.4)
-            .expect("a ray");
+        let (camera, q, rho) = (camera(), pose().q, 0.4);
+        let pixel = Vector2::new(100.0, 420.0);
+        let moved = |motion: &[f64], q: &quat::Quat, rho: f64| {
+            let unrolled = shutter(motion).unrolled(&camera, q, &pixel, rho);
+            unrolled.expect("a ray")
+        };
+        let at = moved(&MOTION, &q, rho);
+        let (_, by) = at.by_motion.expect("it rolls");
+        // The turn's second order is left out: 1 % at 15 ms.
+        let same = |plus: Unrolled, minus: Unrolled, by: Vector2<f64>, what: &str| {
+            let slope = (plus.uv - minus.uv) / 2e-6;
+            assert!((slope - by).norm() < 0.02 * by.norm() + 1e-6, "{what}");
+        };
         for k in 0..7 {
-            let moved = |h: f64| {
+            let motion = |h: f64| {
                 let mut motion = MOTION;
                 motion[k] += h;
-                shutter(&motion)
-                    .unrolled(&camera, &r_wc, &uv, 0.4)
-                    .expect("a ray")
-                    .0
+                moved(&motion, &q, rho)
             };
-            let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
-            // The turn's second order is left out: 1 % at 15 ms.
-            assert!(
-                (slope - by.column(k)).norm() < 0.02 * by.column(k).norm() + 1e-6,
-                "{k}"
-            );
+            same(motion(1e-6), motion(-1e-6), by.column(k).into(), "motion");
         }
+        for k in 0..4 {
+            let attitude = |h: f64| {
+                let mut q = q;
+                q[k] += h;
+                moved(&MOTION, &(q / q.norm()), rho)
+            };
+            let by = at.by_attitude.column(k).into();
+            same(attitude(1e-6), attitude(-1e-6), by, "attitude");
+        }
+        let range = |h: f64| moved(&MOTION, &q, rho + h);
+        same(range(1e-6), range(-1e-6), at.by_rho, "range");
     }
 }

@@ -328,6 +328,12 @@ impl State {
         self.camera_moved();
     }
 
+    /// Second moment of the camera's speed, (m/s)^2.
+    pub(crate) fn squared_speed(&self) -> f64 {
+        let covariance = self.p.block::<3, 3>(POSE_DIM, POSE_DIM);
+        self.velocity().norm_squared() + covariance.trace()
+    }
+
     /// Makes a clone that of the camera's present pose: its rows of P are written over. O(n).
     pub(crate) fn clone_again(&mut self, block: &Block) {
         debug_assert!(block.kind == BlockKind::Clone);

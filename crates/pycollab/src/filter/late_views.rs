@@ -1,7 +1,7 @@
 //! Poses that are kept, and views of Cf of another time than the frame's (METHOD 21).
 
 use super::PyFilter;
-use crate::arrays_in::{Argument, covariance6, pose};
+use crate::arrays_in::{Argument, covariance6, pose, vector};
 use crate::arrays_out::{Column, Table, column, symmetric, to_pose};
 use ekf_core::{Capture, ViewTiming};
 use pyo3::prelude::*;
@@ -136,5 +136,22 @@ impl PyFilter {
     ///     If the filter has started.
     fn forget_time(&self, py: Python<'_>) -> PyResult<()> {
         self.write(py, ekf_core::Filter::forget_time)
+    }
+
+    /// Lets a camera that is lost go on at a velocity, without turning; what it was taken to do before may
+    /// be right, too, so the square of what lies between them joins the covariance (METHOD 3).
+    ///
+    /// Parameters
+    /// ----------
+    /// velocity : (3,) array
+    ///     In W, m/s.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For numbers that are not finite, and before the start.
+    fn go_on_at(&self, py: Python<'_>, velocity: Argument<'_>) -> PyResult<()> {
+        let velocity = vector::<3>("velocity", &velocity)?;
+        self.write(py, |f| f.go_on_at(&velocity))
     }
 }

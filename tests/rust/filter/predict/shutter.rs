@@ -1,9 +1,10 @@
 //! A shutter that rolls: told or not, the filter is as consistent as its readout is stated, and finds it where the camera turns.
 
 use crate::scene::{DT, Scene, Trajectory, adopt, settings};
+use ekf_core::gauge::{GAUGES, directions};
 use ekf_core::settings::Value;
 use ekf_core::{Bearing, CandidateOutcome, Filter, Measurements, Settings};
-use nalgebra::{Vector2, Vector6};
+use nalgebra::{DMatrix, SMatrix, Vector2, Vector6};
 use std::collections::BTreeMap;
 
 const READOUT: f64 = 0.1;
@@ -87,12 +88,17 @@ fn a_readout_that_is_told_or_uncertain_is_in_the_covariance() {
     assert!(known < 9.0, "{known} of {believed}");
 }
 
-/// By how many candidates at rest the places of a point at rest are left, and of how many, where a camera turns.
-fn left(readout: f64, sd: f64) -> (usize, usize) {
+/// What becomes of candidates at rest where a camera turns: `seen(before, after, outcomes)` of each frame's; how many there are.
+fn watch(
+    readout: f64,
+    sd: f64,
+    min_parallax: f64,
+    mut seen: impl FnMut(Filter, &Filter, &[CandidateOutcome]),
+) -> usize {
     let mut scene = rolling(0);
     scene.trajectory = Trajectory::Lively;
     let mut settings = stated(readout, sd);
-    let waits = settings.set("birth.min_parallax", &Value::Float(60.0));
+    let waits = settings.set("birth.min_parallax", &Value::Float(min_parallax));
     waits.expect("a setting");
     let mut filter = scene.filter(settings);
     let mut known = BTreeMap::new();
@@ -103,34 +109,81 @@ fn left(readout: f64, sd: f64) -> (usize, usize) {
     adopt(&mut known, &filter.update(&z).expect("a start"), &points);
     scene.points.extend(hidden);
     let (mut waiting, mut count) = (BTreeMap::new(), 0);
-    let mut left = 0;
     for frame in 1..40 {
         let t = f64::from(frame) * DT;
         filter.predict(t).expect("increasing time");
         let (z, _) = scene.measure(t, &known, false);
         filter.update(&z).expect("good measurements");
         if frame == 6 {
-            let seen = new
+            let first = new
                 .iter()
                 .filter_map(|&k| Some((k, scene.rolling_pixel(t, k)?)));
-            let (of, pixels): (Vec<usize>, Vec<Vector2<f64>>) = seen.unzip();
+            let (of, pixels): (Vec<usize>, Vec<Vector2<f64>>) = first.unzip();
             let ids = filter.add_candidates(&pixels).expect("candidates");
             count = ids.len();
             waiting.extend(ids.into_iter().zip(of));
         }
-        let seen: Vec<_> = waiting
+        let pixels: Vec<_> = waiting
             .iter()
             .filter_map(|(&id, &k)| Some((id, scene.rolling_pixel(t, k)?)))
             .collect();
-        let outcomes = filter.observe_candidates(&seen).expect("they wait");
-        for ((id, _), outcome) in seen.iter().zip(&outcomes) {
-            left += usize::from(matches!(outcome, CandidateOutcome::OffArc(_)));
+        let before = filter.clone();
+        let outcomes = filter.observe_candidates(&pixels).expect("they wait");
+        for ((id, _), outcome) in pixels.iter().zip(&outcomes) {
             if !outcome.waits() {
                 waiting.remove(id);
             }
         }
+        seen(before, &filter, &outcomes);
     }
+    count
+}
+
+/// By how many candidates at rest the places of a point at rest are left, and of how many.
+fn left(readout: f64, sd: f64) -> (usize, usize) {
+    let mut left = 0;
+    let count = watch(readout, sd, 60.0, |_, _, outcomes| {
+        let strays = |outcome: &&CandidateOutcome| matches!(outcome, CandidateOutcome::OffArc(_));
+        left += outcomes.iter().filter(strays).count();
+    });
     (left, count)
+}
+
+/// Variances of what no camera can see: turns of camera and map, and how large they are, `(N^T P^-1 N)^-1`.
+fn unseen(filter: &Filter) -> SMatrix<f64, GAUGES, GAUGES> {
+    let (state, mut n) = (filter.state(), Vec::new());
+    directions(state.mean(), state.layout(), &mut n);
+    let n = DMatrix::from_vec(state.mean().len(), GAUGES, n);
+    let p = state.covariance().to_dense();
+    let sd = p.diagonal().map(|v| v.max(1e-14).sqrt());
+    let scaled = DMatrix::from_fn(p.nrows(), p.ncols(), |i, j| p[(i, j)] / (sd[i] * sd[j]));
+    let n = DMatrix::from_fn(n.nrows(), GAUGES, |i, k| n[(i, k)] / sd[i]);
+    let eigen = scaled.symmetric_eigen();
+    let least = 1e-9 * eigen.eigenvalues.max();
+    let along = eigen.eigenvectors.tr_mul(&n);
+    let information = SMatrix::<f64, GAUGES, GAUGES>::from_fn(|a, b| {
+        let sum = eigen.eigenvalues.iter().enumerate();
+        let sum = sum.filter(|(_, value)| **value > least);
+        sum.map(|(i, value)| along[(i, a)] * along[(i, b)] / value)
+            .sum()
+    });
+    information.try_inverse().expect("of full rank")
+}
+
+#[test]
+fn a_birth_under_a_rolling_shutter_says_nothing_of_turns_and_scale() {
+    let (mut born, mut worst) = (0, 0.0_f64);
+    watch(0.05, 0.03, 0.5, |before, after, outcomes| {
+        let births = |outcome: &&CandidateOutcome| matches!(outcome, CandidateOutcome::Born(_));
+        let births = outcomes.iter().filter(births).count();
+        if births > 0 {
+            born += births;
+            let (from, to) = (unseen(&before), unseen(after));
+            worst = (0..GAUGES).fold(worst, |worst, k| worst.max(1.0 - to[(k, k)] / from[(k, k)]));
+        }
+    });
+    assert!(born >= 10, "{born}");
+    assert!(worst < 1e-3, "{worst} of a variance is gone");
 }
 
 #[test]

@@ -75,15 +75,16 @@ impl Filter {
                 let uv = unrolled.as_ref().map_or(uv, |unrolled| unrolled.uv);
                 let mut new =
                     NewFeature::with_prior_depth(camera, &pose, &uv, sigma, view.rho, sd)?;
-                if let Some(unrolled) = &unrolled {
-                    new.share_motion(unrolled.by_motion);
+                if frame > 0 {
+                    new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
                 }
-                if let (0, Some(offset)) = (frame, self.worn_error_offset(worn.who)) {
+                if let Some(offset) = self.worn_error_offset(worn.who) {
                     let roll = self.worn_roll(worn.who, &pair.uv_f);
                     new.share_worn_error(offset, &view.rho_by_tangent(), roll);
                 }
-                if frame > 0 {
-                    new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
+                if let Some(unrolled) = &unrolled {
+                    new.share_motion(unrolled);
+                    new.follow_own_range(unrolled);
                 }
                 Some(new)
             });
@@ -160,7 +161,7 @@ impl Filter {
             }
             let warp = self.setup.camera.warp_jacobian(&unrolled.uv);
             let mut new = NewFeature::from_two_views(&pose, &view, &warp, (sigma, sigma_f));
-            new.share_motion(unrolled.by_motion);
+            new.share_motion(&unrolled);
             let by_error = view.rho_by_tangent();
             match self.worn_error_offset(worn.who) {
                 Some(offset) => {
@@ -172,6 +173,7 @@ impl Filter {
                     new.noise[(5, 5)] += own[(0, 0)];
                 }
             }
+            new.follow_own_range(&unrolled);
             let born = self.append_feature(&new);
             report.views[0][i] = born.map_or(MeasurementOutcome::NotVisible, |block| {
                 MeasurementOutcome::Born(block.id)

@@ -7,22 +7,33 @@ use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::candidate::{Candidate, CandidateOutcome, FirstView, RememberedPose};
-use crate::filter::predict::shutter::Unrolled;
 use crate::guard::{check_once, check_pixels};
 use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
 use crate::observe::shutter::MOTION_DIM;
+use crate::scale::LogRange;
 use crate::settings::FirstPose;
 use nalgebra::{SMatrix, Vector2};
 
-/// Offset of the readout, and derivative of a pixel by `[v w readout]`.
-type ByMotion = Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>;
+/// Offset of the readout, and derivative of a pixel by it.
+type ByReadout = Option<(usize, Vector2<f64>)>;
 
 /// Inverse depth of a candidate that waits for parallax no longer where the map tells none, 1/m: what has shown none is far.
 const VAGUE_RHO: f64 = 0.1;
 /// Its standard deviation, 1/m.
 const VAGUE_RHO_SD: f64 = 0.2;
+
+/// What the scene says of the depth of a point of which nothing else is known.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VagueDepth {
+    /// Inverse depth, 1/m.
+    pub(crate) rho: f64,
+    /// Its standard deviation, 1/m.
+    pub(crate) sd: f64,
+    /// The landmark that has twice as much.
+    half_of: Option<u64>,
+}
 
 impl Filter {
     /// Starts candidates at pixels of the present view; returns their ids.
@@ -117,8 +128,11 @@ impl Filter {
         if ids.is_empty() {
             return Ok(Vec::new());
         }
-        let (rho, sd) = self.vague_depth();
+        let vague = self.vague_depth();
         self.changes();
+        if let (Some(outside), Some(median)) = (&mut self.memory.outside, vague.half_of) {
+            outside.enter(&mut self.memory.state, |id| id == median);
+        }
         let sigma = self.setup.settings.pixel.sigma_cs;
         let mut born = Vec::with_capacity(ids.len());
         let mut view = None;
@@ -135,11 +149,14 @@ impl Filter {
             view = clone;
             born.push(candidate.and_then(|candidate| {
                 let (first, covariance) = self.first_pose(&candidate)?;
-                let (uv, by_motion) = self.first_pixel(&candidate, rho);
-                let mut new =
-                    NewFeature::with_prior_depth(&self.setup.camera, &first, &uv, sigma, rho, sd)?;
-                new.share_motion(by_motion);
+                let (uv, by_readout) = self.first_pixel(&candidate, vague.rho);
+                let (camera, (rho, sd)) = (&self.setup.camera, (vague.rho, vague.sd));
+                let mut new = NewFeature::with_prior_depth(camera, &first, &uv, sigma, rho, sd)?;
                 new.seen_from_first_pose(covariance);
+                if let Some((offset, range)) = self.median_range(&vague) {
+                    new.keep_ratio(offset, &range);
+                }
+                new.share_readout(&new.by_pixel.clone(), by_readout);
                 self.append_feature(&new).map(|block| block.id)
             }));
         }
@@ -147,28 +164,41 @@ impl Filter {
         Ok(born)
     }
 
-    /// Inverse depth and its sd of a point of which nothing is known but the scene that it is in: half the median of the
-    /// landmarks of known depth, as seen from the camera, and as much. So anything from infinity to that median is within
-    /// one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
-    pub(crate) fn vague_depth(&self) -> (f64, f64) {
-        let birth = &self.setup.settings.birth;
+    /// What is known of the depth of a point of which nothing is known but the scene that it is in: half the median inverse
+    /// range of the landmarks of known depth, as seen from the camera, and as much. So anything from
+    /// infinity to that median is within one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
+    pub(crate) fn vague_depth(&self) -> VagueDepth {
+        let largest = self.setup.settings.birth.max_rho_ratio;
         let camera = self.memory.state.camera_pose().r;
         let known = self.landmarks().into_iter();
-        let known = known.filter(|landmark| landmark.rho_ratio < birth.max_rho_ratio);
-        let mut inverse: Vec<f64> = known.map(|l| 1.0 / (l.point - camera).norm()).collect();
-        if inverse.len() < self.setup.settings.lost.min_matches {
-            return (VAGUE_RHO, VAGUE_RHO_SD);
+        let known = known.filter(|landmark| landmark.rho_ratio < largest);
+        let known = known.map(|l| (1.0 / (l.point - camera).norm(), l.id));
+        let mut known: Vec<(f64, u64)> = known.filter(|(rho, _)| rho.is_finite()).collect();
+        if known.len() < self.setup.settings.lost.min_matches {
+            return VagueDepth {
+                rho: VAGUE_RHO,
+                sd: VAGUE_RHO_SD,
+                half_of: None,
+            };
         }
-        inverse.sort_unstable_by(f64::total_cmp);
-        let half = 0.5 * inverse[inverse.len() / 2];
-        if half.is_finite() {
-            (half, half)
-        } else {
-            (VAGUE_RHO, VAGUE_RHO_SD)
+        known.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let (median, id) = known[known.len() / 2];
+        VagueDepth {
+            rho: 0.5 * median,
+            sd: 0.5 * median,
+            half_of: Some(id),
         }
     }
 
-    fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {
+    /// The landmark that a vague depth is taken from: its offset in the state, and the derivatives of its range.
+    fn median_range(&self, vague: &VagueDepth) -> Option<(usize, LogRange)> {
+        let block = self.memory.feature_block(vague.half_of?).ok()?;
+        let camera = self.memory.state.camera_pose().r;
+        let range = LogRange::of(&camera, &self.memory.state.feature(&block))?;
+        Some((block.offset, range))
+    }
+
+    fn try_delayed_birth(&mut self, id: u64, seen: &Vector2<f64>) -> CandidateOutcome {
         let candidate = &self.memory.candidates[&id];
         let now = self.memory.state.camera_pose();
         let Some((first, covariance)) = self.first_pose(candidate) else {
@@ -187,7 +217,7 @@ impl Filter {
         let has_baseline = (first.r - now.r).norm() >= birth.min_baseline;
         match held(
             &self.setup.camera,
-            uv,
+            seen,
             &candidate.uv,
             &first_in_c,
             sigma,
@@ -199,16 +229,20 @@ impl Filter {
             None => {}
         }
         let camera = &self.setup.camera;
-        let intersect = |uv, first_uv| TwoView::new(camera, uv, camera, first_uv, &first_in_c);
+        let intersect = |uv: &Vector2<f64>, first_uv: &Vector2<f64>| {
+            TwoView::new(camera, uv, camera, first_uv, &first_in_c)
+        };
         // How far it is says how much the shutter has moved it; rays that do not meet are those of a far point, if any.
-        let rho = intersect(uv, &candidate.uv).map_or(0.0, |raw| raw.rho);
-        let Unrolled { uv, by_motion } = self.unrolled(uv, rho);
-        let (first_uv, first_by_motion) = self.first_pixel(candidate, rho);
+        let rho = intersect(seen, &candidate.uv).map_or(0.0, |raw| raw.rho);
+        let unrolled = self.unrolled(seen, rho);
+        let uv = unrolled.uv;
+        let (first_uv, first_by_readout) = self.first_pixel(candidate, rho);
         // What moves by itself may have no parallax, or a negative one, for as long as it likes.
-        let (roll, first_roll) = (
-            self.readout_sd(&by_motion),
-            self.readout_sd(&first_by_motion),
-        );
+        let by_readout = unrolled.by_motion.map(|(at, by)| {
+            let by_readout = by.column(MOTION_DIM - 1).into_owned();
+            (at, by_readout)
+        });
+        let [roll, first_roll] = [by_readout, first_by_readout].map(|by| self.readout_sd(by));
         let leaving_at = |sds: f64| {
             let ray = camera.unproject(&(uv + roll * sds))?;
             let first_ray = camera.unproject(&(first_uv + first_roll * sds))?;
@@ -223,7 +257,14 @@ impl Filter {
         if leaving.angle > allowed {
             return CandidateOutcome::OffArc(leaving.angle / allowed);
         }
-        let Some(view) = intersect(&uv, &first_uv) else {
+        // Once more with the range that the pixels have without the rolling.
+        let found = intersect(&uv, &first_uv).and_then(|view| {
+            let unrolled = self.unrolled(seen, view.rho);
+            let (first_uv, first_by_readout) = self.first_pixel(candidate, view.rho);
+            let view = intersect(&unrolled.uv, &first_uv)?;
+            Some((view, unrolled, first_uv, first_by_readout))
+        });
+        let Some((view, unrolled, first_uv, first_by_readout)) = found else {
             return CandidateOutcome::Waiting;
         };
         if view.parallax < birth.min_parallax.to_radians() {
@@ -232,12 +273,16 @@ impl Filter {
         if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
             return CandidateOutcome::Waiting;
         }
-        let [warp, first_warp] = [&uv, &first_uv].map(|uv| self.setup.camera.warp_jacobian(uv));
+        let [warp, first_warp] =
+            [&unrolled.uv, &first_uv].map(|uv| self.setup.camera.warp_jacobian(uv));
         let mut new = NewFeature::from_two_views(&now, &view, &warp, (sigma, sigma));
         new.share_calibration(&view, &first_warp);
-        new.share_motion(by_motion);
-        new.share_first_motion(&view, first_by_motion);
+        new.share_motion(&unrolled);
+        let mut by_first_pixel = SMatrix::<f64, 6, 2>::zeros();
+        by_first_pixel.set_row(5, &view.rho_by_other_pixel);
+        new.share_readout(&by_first_pixel, first_by_readout);
         new.depend_on_first_pose(&now, &first, &view, covariance);
+        new.follow_own_range(&unrolled);
         match self.append_feature(&new) {
             Some(block) => CandidateOutcome::Born(block.id),
             None => CandidateOutcome::Dropped,
@@ -268,21 +313,20 @@ impl Filter {
 
     /// By how much one standard deviation of the readout, as it is stated, moves a pixel: what is left of it once the filter knows
     /// more is a claim that the velocities do not bear, and a candidate that strays does not come back.
-    fn readout_sd(&self, by_motion: &ByMotion) -> Vector2<f64> {
-        by_motion.map_or(Vector2::zeros(), |(_, by)| {
-            by.column(MOTION_DIM - 1) * self.setup.settings.calibration.readout_sd
+    fn readout_sd(&self, by_readout: ByReadout) -> Vector2<f64> {
+        by_readout.map_or(Vector2::zeros(), |(_, by)| {
+            by * self.setup.settings.calibration.readout_sd
         })
     }
 
-    /// A candidate's first pixel without the shutter's rolling, as [`Unrolled`]: it depends on the readout alone.
-    fn first_pixel(&self, candidate: &Candidate, rho: f64) -> (Vector2<f64>, ByMotion) {
+    /// A candidate's first pixel without the shutter's rolling. It depends on the readout alone: the ways that its point's range
+    /// and the velocity of then tell of are of one scale, whatever that is.
+    fn first_pixel(&self, candidate: &Candidate, rho: f64) -> (Vector2<f64>, ByReadout) {
         let Some(shutter) = self.shutter() else {
             return (candidate.uv, None);
         };
         let (uv, by_readout) = candidate.unrolled(shutter.readout, rho);
-        let mut by = SMatrix::<f64, 2, MOTION_DIM>::zeros();
-        by.set_column(MOTION_DIM - 1, &by_readout);
-        (uv, Some((shutter.offset, by)))
+        (uv, Some((shutter.offset, by_readout)))
     }
 
     /// Pose of a candidate's first view, and where its uncertainty comes from; None without its clone.
@@ -324,10 +368,11 @@ impl Filter {
         Ok(pixels
             .iter()
             .map(|uv| {
-                let Unrolled { uv, by_motion } = self.unrolled(uv, rho);
-                let mut new =
-                    NewFeature::with_prior_depth(&self.setup.camera, &pose, &uv, sigma, rho, sd)?;
-                new.share_motion(by_motion);
+                let unrolled = self.unrolled(uv, rho);
+                let (camera, uv) = (&self.setup.camera, &unrolled.uv);
+                let mut new = NewFeature::with_prior_depth(camera, &pose, uv, sigma, rho, sd)?;
+                new.share_motion(&unrolled);
+                new.follow_own_range(&unrolled);
                 self.append_feature(&new).map(|block| block.id)
             })
             .collect())

@@ -39,7 +39,7 @@ impl Filter {
     ///
     /// `pose` is a first T_WC that explains `matches` to within the range of the linear model, as PnP with the
     /// landmarks' means gives it; it counts for nothing but as the point of linearisation. Velocities start anew from the
-    /// settings' `process.start_*`. The matches pass the batch test; the pose is taken if `least` of them do, which is
+    /// settings' `process.start_*`, the speed from its second moment before where that is less. The matches pass the batch test; the pose is taken if `least` of them do, which is
     /// `lost.min_matches` unless given: [`UpdateReport::accepted`] says so. Otherwise the filter is as it was. Fewer do
     /// for points that say themselves which they are, as the corners of a printed tag.
     ///
@@ -100,6 +100,7 @@ impl Filter {
         // They are where the lost camera was believed to be.
         self.memory.forget_poses();
         let before = self.memory.clone_pose();
+        let speed = self.memory.state.squared_speed();
         let pose = CameraPose {
             r: pose.translation,
             q: quat::from_rotation(&pose.rotation),
@@ -116,11 +117,18 @@ impl Filter {
             .p
             .set_block(0, 0, &((prior + prior.transpose()) * 0.5));
         self.start();
+        for i in POSE_DIM..POSE_DIM + 3 {
+            let known = self.memory.state.p.get(i, i).min(speed);
+            self.memory.state.p.set(i, i, known);
+        }
         let mut scratch = Scratch::default();
         report.start(z);
         // The prior is weak on purpose, so the test of badly predicted pixels does not apply.
         let tests = &Self::TESTS[1..];
-        let taken = self.measure(z, WornForm::Unused, &[], tests, report, &mut scratch)?;
+        self.workspace.found_again = true;
+        let taken = self.measure(z, WornForm::Unused, &[], tests, report, &mut scratch);
+        self.workspace.found_again = false;
+        let taken = taken?;
         if taken {
             self.compare_with(before, predicted, report);
             self.finish(z, report);

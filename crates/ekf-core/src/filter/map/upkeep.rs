@@ -25,37 +25,17 @@ impl Filter {
             width: POSE_DIM,
             matrix: new.by_pose.as_slice(),
         }];
-        if let Some((offset, by, width)) = &new.by_other {
-            parts.push(LinearPart {
-                offset: *offset,
-                width: *width,
-                matrix: &by.as_slice()[..6 * width],
-            });
-        }
-        if let Some((offset, by)) = &new.by_roll {
-            parts.push(LinearPart {
-                offset: *offset,
-                width: 6,
-                matrix: by.as_slice(),
-            });
-        }
+        parts.extend(new.by_others.iter().map(|part| LinearPart {
+            offset: part.offset,
+            width: part.width,
+            matrix: &part.by.as_slice()[..6 * part.width],
+        }));
         if let Some(offset) = self.memory.state.calibration() {
             parts.push(LinearPart {
                 offset,
                 width: 6,
                 matrix: new.by_calibration.as_slice(),
             });
-        }
-        if let Some((readout, by)) = &new.by_motion {
-            let (by_velocities, by_readout) = by.as_slice().split_at(36);
-            for (offset, width, matrix) in [(POSE_DIM, 6, by_velocities), (*readout, 1, by_readout)]
-            {
-                parts.push(LinearPart {
-                    offset,
-                    width,
-                    matrix,
-                });
-            }
         }
         let block = self
             .memory

@@ -5,11 +5,12 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::wheels::Wheels;
 use crate::kernel::Panels;
-use crate::observe::FeatureState;
 use crate::observe::point::CameraPose;
+use crate::observe::{FeatureState, POSE_DIM};
 use crate::stamps::{self, LONGEST_GAP};
 use crate::state::{CAMERA_DIM, State};
 use crate::{guard, predict};
+use nalgebra::{Vector3, Vector6};
 
 /// Shortest time between two frames, seconds: the steps of f64 time stamps since 1970 are a quarter of it.
 const SHORTEST_STEP: f64 = 1e-6;
@@ -85,6 +86,28 @@ impl Filter {
             });
         }
         self.memory.time = None;
+        Ok(())
+    }
+
+    /// Lets a camera that is lost go on at `velocity`, m/s in W, without turning (METHOD 3): what it was last taken to do, often by
+    /// the very frame that lost it, would carry it off for as long as it is lost. Either may be right, so the square of what
+    /// lies between them joins the covariance.
+    ///
+    /// # Errors
+    /// `NonFinite`; `InvalidInput` before the start. Nothing changes then.
+    pub fn go_on_at(&mut self, velocity: &Vector3<f64>) -> Result<(), EkfError> {
+        self.memory.check_started()?;
+        if velocity.iter().any(|v| !v.is_finite()) {
+            return Err(EkfError::NonFinite { what: "velocity" });
+        }
+        self.changes();
+        let mut twist = Vector6::zeros();
+        twist.fixed_rows_mut::<3>(0).copy_from(velocity);
+        let state = &mut self.memory.state;
+        let off = state.part::<6>(POSE_DIM) - twist;
+        let spread = state.p.block::<6, 6>(POSE_DIM, POSE_DIM) + off * off.transpose();
+        state.p.set_block(POSE_DIM, POSE_DIM, &spread);
+        state.set_part(POSE_DIM, &twist);
         Ok(())
     }
 

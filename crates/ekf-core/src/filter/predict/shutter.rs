@@ -1,19 +1,9 @@
 //! The shutter of Cs as the filter has it: its readout, and pixels as they would be if it did not roll (METHOD 4).
 
 use crate::filter::ekf::Filter;
-use crate::math::quat;
 use crate::observe::Shutter;
-use crate::observe::shutter::MOTION_DIM;
+use crate::observe::shutter::{MOTION_DIM, Unrolled};
 use nalgebra::{SMatrix, Vector2};
-
-/// A pixel as it would be if all rows were taken with the middle one.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Unrolled {
-    /// The pixel.
-    pub(crate) uv: Vector2<f64>,
-    /// Offset of the readout, and the pixel's derivative by `[v w readout]`, where the shutter may roll.
-    pub(crate) by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>,
-}
 
 impl Filter {
     /// Time from the first row of an image of Cs to the last one as far as the filter knows, and the standard deviation of that,
@@ -39,23 +29,16 @@ impl Filter {
             height: f64::from(self.setup.camera.height),
             velocity: self.memory.state.velocity(),
             turning: self.memory.state.angular_velocity(),
+            is_speed_known: !self.workspace.found_again,
         })
     }
 
     /// A pixel of the present view without the shutter's rolling; `rho` is the inverse range of its point, 1/m.
     pub(crate) fn unrolled(&self, uv: &Vector2<f64>, rho: f64) -> Unrolled {
-        let r_wc = quat::rotation(&self.memory.state.camera_pose().q);
-        let moved = self.shutter().and_then(|shutter| {
-            let (uv, by) = shutter.unrolled(&self.setup.camera, &r_wc, uv, rho)?;
-            Some(Unrolled {
-                uv,
-                by_motion: Some((shutter.offset, by)),
-            })
-        });
-        moved.unwrap_or(Unrolled {
-            uv: *uv,
-            by_motion: None,
-        })
+        let q = self.memory.state.camera_pose().q;
+        let shutter = self.shutter();
+        let unrolled = shutter.and_then(|it| it.unrolled(&self.setup.camera, &q, uv, rho));
+        unrolled.unwrap_or_else(|| Unrolled::as_seen(uv))
     }
 
     /// Pixels by which a pixel of the present view moves with each second of readout: by the camera's turning, and by its way

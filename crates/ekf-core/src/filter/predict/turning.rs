@@ -200,13 +200,13 @@ impl Filter {
         let r_cw = quat::rotation(&state.part::<4>(3)).transpose();
         let white = self.setup.settings.process.acceleration_density.powi(2) * dt.powi(3) / 3.0;
         let velocity: Matrix3<f64> = state.p.block(POSE_DIM, POSE_DIM);
-        let (rho, rho_sd) = self.vague_depth();
+        let vague = self.vague_depth();
         Surroundings {
             way: r_cw * state.velocity() * dt,
             way_covariance: r_cw * velocity * r_cw.transpose() * (dt * dt)
                 + Matrix3::identity() * white,
-            rho,
-            rho_sd,
+            rho: vague.rho,
+            rho_sd: vague.sd,
             sigma: SIGMA / (self.setup.camera.fx * self.setup.camera.fy).sqrt(),
         }
     }

@@ -153,13 +153,15 @@ impl Filter {
         let measured = view.point() - j * mean;
         let error_of = error.map(|_| (&mean, &j));
         let rows = Rows::depth(&pose, &feature, &measured, &noise, error_of);
-        let rows = rows.map(|rows| Rows {
-            by_motion: unrolled.by_motion.map(|(readout, by)| ByMotion {
+        let rows = rows.map(|mut rows| {
+            let mut by_attitude = rows.by_pose.fixed_view_mut::<3, 4>(0, 3);
+            by_attitude -= by_pixel * unrolled.by_attitude;
+            rows.by_motion = unrolled.by_motion.map(|(readout, by)| ByMotion {
                 readout,
                 by: -(by_pixel * by),
-            }),
-            roll: self.worn_roll(worn.who, &pair.uv_f),
-            ..rows
+            });
+            rows.roll = self.worn_roll(worn.who, &pair.uv_f);
+            rows
         });
         MeasurementBlock::new(rows, &landmark, error)
     }

@@ -5,9 +5,9 @@ use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{WornObservation, WornPair};
-use crate::filter::predict::shutter::Unrolled;
 use crate::guard::check_pose;
 use crate::math::pose::Pose;
+use crate::observe::shutter::Unrolled;
 use crate::observe::shutter::down_the_image;
 use crate::overlap::{Overlap, predict_overlap};
 use crate::settings::WornErrors;
@@ -248,6 +248,9 @@ impl Filter {
         if unrolled.by_motion.is_none() {
             return Some((raw, unrolled));
         }
+        // Once more with the range that the pixels have without the rolling.
+        let view = self.intersect(worn, &unrolled.uv, &pair.uv_f)?;
+        let unrolled = self.unrolled(&uv, view.rho);
         let view = self.intersect(worn, &unrolled.uv, &pair.uv_f)?;
         Some((view, unrolled))
     }

@@ -44,7 +44,13 @@ impl Filter {
             .batch
             .moved_by_first(self.workspace.batch.rows());
         let slots = self.memory.state.p.stored().slots;
-        let step = Vector6::from_fn(|i, _| moved[slots[at + i]]);
+        let mut step = Vector6::from_fn(|i, _| moved[slots[at + i]]);
+        if self.setup.carries() {
+            let followed = self.memory.followed.ids();
+            self.workspace.gauge.prepare(&self.memory.state, followed);
+            let gauge = &self.workspace.gauge;
+            step -= self.workspace.batch.moved_with_scale(gauge, slots, at);
+        }
         let before = self.memory.state.part::<6>(at);
         self.memory.state.set_part(at, &(before + step));
         let blocks: Result<Vec<MeasurementBlock>, _> = scratch
