@@ -70,7 +70,9 @@ def steps(clip: Clip) -> Any:
         for k, frame in enumerate(clip.frames):
             views = frame.views
             if k:
-                views = tuple(dataclasses.replace(v, t_cf=_upright_at(0.1, -0.6, 2.0)) for v in views)
+                views = tuple(
+                    dataclasses.replace(v, t_cf=_upright_at(0.1, -0.6, 2.0), body=True) for v in views
+                )
             out.append(slam.step(frame.t, frame.image, views))
         return out
 
