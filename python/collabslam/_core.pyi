@@ -1535,6 +1535,7 @@ class Filter:
         views: Sequence[WornMeasurement] = ...,
         depths: DepthMeasurement | None = None,
         min_inliers: int = 0,
+        max_speed: float | None = None,
     ) -> UpdateReport:
         """Validates a frame's matches, updates once, and starts features that have depth (METHOD 5-8).
 
@@ -1555,6 +1556,9 @@ class Filter:
             Depths from any other sensor.
         min_inliers : int
             Fewest accepted bearings with which the frame is used; with fewer nothing of it is.
+        max_speed : float, optional
+            Greatest speed, m/s, with which the frame is used: if the camera would be faster after it
+            nothing of it is.
 
         Returns
         -------

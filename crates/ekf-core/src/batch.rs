@@ -159,6 +159,11 @@ impl Workspace {
         pose.fold(0.0, |largest, x| largest.max(x.abs()))
     }
 
+    /// By how much the update moves row `i` of the mean as P is stored. Valid after [`Self::solve`].
+    pub(crate) fn moved_at(&self, i: usize) -> f64 {
+        self.moved[i]
+    }
+
     /// The batch as the validation tests see it. Valid after the factorisation.
     pub fn as_batch(&self) -> Batch<'_> {
         Batch {

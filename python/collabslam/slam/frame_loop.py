@@ -80,7 +80,7 @@ class FrameLoop:
         parts.seen_through.ask_map(view, found)
         times.done("cf")
         depths = parts.depth.take(view, found, overlap.ids, missing)
-        report = self._update(found, overlap, depths)
+        report = self._update(t, found, overlap, depths)
         turned = not report.accepted and self._turn(view, last)
         carried = not report.accepted and core.followed_gyro
         times.done("update")
@@ -114,6 +114,8 @@ class FrameLoop:
         others = {**parts.printed.counts(), **parts.wearers.counts(view.wearers)}
         counts = {**outcome.counts(), **others, **residual}
         status, judged = parts.verdict.of(outcome)
+        lost, trusted = status is Status.LOST, status is Status.OK
+        parts.usual_speed.take(t, accepted=report.accepted, lost=lost, trusted=trusted)
         times.done("map")
         features = outcome.features
         where = overlap.poses(core, report, view) if recovered is None else {}
@@ -150,7 +152,7 @@ class FrameLoop:
         parts = self._parts
         return overlaps(parts.late, parts.worn, parts.printed, view, found, missing)
 
-    def _update(self, found: TrackingResult, overlap: Overlaps, depths: Depths) -> UpdateReport:
+    def _update(self, t: float, found: TrackingResult, overlap: Overlaps, depths: Depths) -> UpdateReport:
         """The batch test and the update (METHOD 7.5 to 7.7)."""
         return self._filter.update(
             found.searched,
@@ -159,6 +161,7 @@ class FrameLoop:
             views=overlap.views,
             depths=depths.observation,
             min_inliers=self._parts.monitor.min_inliers(len(found.searched)),
+            max_speed=self._parts.usual_speed.most(t),
         )
 
     def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:

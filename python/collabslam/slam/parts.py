@@ -27,6 +27,7 @@ from collabslam.slam.tracking.blank_image import BlankImageDetector
 from collabslam.slam.tracking.depth_input import DepthInput
 from collabslam.slam.tracking.fixed_content import FixedContent
 from collabslam.slam.tracking.tracks import Tracks
+from collabslam.slam.usual_speed import UsualSpeed
 from collabslam.slam.verdict import Verdict
 from collabslam.slam.worn.late_views import LateViews
 from collabslam.slam.worn.matcher import WornMatcher
@@ -100,6 +101,7 @@ class Parts:
         self.blank = BlankImageDetector(options.blank_image)
         self.tracks = Tracks(camera, options, scarce_below(settings))
         self.gyro = GyroMonitor(core, camera, options.flow)
+        self.usual_speed = UsualSpeed(core)
         self.forces, self.rates = InertialSamples(), InertialSamples()
         self.level = LevelEstimator(settings.filter.imu, self.forces, self.rates, metric=self.start.metric)
         self.search = FrameSearch(core, self.tracks, self.printed, self.monitor, self.gyro, options.search)

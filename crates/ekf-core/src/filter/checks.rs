@@ -52,6 +52,12 @@ impl Filter {
                     .into(),
             });
         }
+        if z.max_speed.is_some_and(|most| most.is_nan() || most < 0.0) {
+            return Err(EkfError::InvalidInput {
+                what: "max_speed",
+                why: "it is negative or not a number; give metres a second, or none".into(),
+            });
+        }
         let bearings = || z.bearings.iter().map(|b| b.id);
         let depths = || z.depths.iter().filter_map(|d| d.id);
         let searched = z.searched.iter().copied();

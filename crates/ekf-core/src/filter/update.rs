@@ -11,7 +11,9 @@ use super::worn::other_time::TimeCompensated;
 use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
+use crate::observe::POSE_DIM;
 use crate::settings::{Mode, WornErrors};
+use nalgebra::Vector3;
 use validation::Test;
 
 impl Filter {
@@ -208,7 +210,8 @@ impl Filter {
         }
     }
 
-    /// False, with the state unchanged, if fewer than `min_inliers` bearings pass the tests.
+    /// False, with the state unchanged, if fewer than `min_inliers` bearings pass the tests, or the camera would be faster than
+    /// `max_speed`.
     pub(super) fn measure(
         &mut self,
         z: &Measurements,
@@ -251,6 +254,9 @@ impl Filter {
         let followed = self.memory.followed.ids();
         let gauge = carries.then_some((&mut self.workspace.gauge, followed));
         self.workspace.batch.solve(&self.memory.state, gauge)?;
+        if z.max_speed.is_some_and(|most| self.speed_after() > most) {
+            return Ok(false);
+        }
         if report.dof > 0 {
             self.memory.moved_by = self.workspace.batch.moved_by();
         }
@@ -267,6 +273,12 @@ impl Filter {
             self.workspace.gauge.mark_carried(&mut self.memory.state);
         }
         Ok(true)
+    }
+
+    /// Speed that the update at hand gives the camera, m/s.
+    fn speed_after(&self) -> f64 {
+        let moved = Vector3::from_fn(|i, _| self.workspace.batch.moved_at(POSE_DIM + i));
+        (self.memory.state.velocity() + moved).norm()
     }
 
     pub(super) fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {

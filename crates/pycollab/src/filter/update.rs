@@ -31,6 +31,9 @@ impl PyFilter {
     ///     Depths from any other sensor.
     /// min_inliers : int
     ///     Fewest accepted bearings with which the frame is used; with fewer nothing of it is.
+    /// max_speed : float, optional
+    ///     Greatest speed, m/s, with which the frame is used: if the camera would be faster after it
+    ///     nothing of it is.
     ///
     /// Returns
     /// -------
@@ -41,8 +44,8 @@ impl PyFilter {
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
     ///     was.
-    #[expect(clippy::too_many_arguments, reason = "seven names in Python")]
-    #[pyo3(signature = (searched, ids, uv, *, views = Vec::new(), depths = None, min_inliers = 0))]
+    #[expect(clippy::too_many_arguments, reason = "eight names in Python")]
+    #[pyo3(signature = (searched, ids, uv, *, views = Vec::new(), depths = None, min_inliers = 0, max_speed = None))]
     fn update(
         &self,
         py: Python<'_>,
@@ -52,6 +55,7 @@ impl PyFilter {
         views: Vec<PyRef<'_, PyWornMeasurement>>,
         depths: Option<&PyDepthMeasurement>,
         min_inliers: usize,
+        max_speed: Option<f64>,
     ) -> PyResult<PyUpdateReport> {
         let measurements = Measurements {
             searched: self::ids("searched", &searched)?,
@@ -59,6 +63,7 @@ impl PyFilter {
             views: views.iter().map(|worn| worn.0.clone()).collect(),
             depths: depths.map_or_else(Vec::new, |depths| depths.0.clone()),
             min_inliers,
+            max_speed,
         };
         let report = self.write(py, |f| match f.update(&measurements) {
             Err(error @ (EkfError::NotPositiveDefinite { .. } | EkfError::Unsound { .. })) => {

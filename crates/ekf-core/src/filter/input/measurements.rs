@@ -79,6 +79,8 @@ pub struct Measurements {
     pub depths: Vec<DepthObservation>,
     /// Fewest accepted bearings with which the frame is used: with fewer nothing of it is.
     pub min_inliers: usize,
+    /// Greatest speed, m/s, with which the frame is used: if the camera would be faster after it nothing of it is. None for any.
+    pub max_speed: Option<f64>,
 }
 
 impl Measurements {
@@ -164,7 +166,8 @@ pub struct UpdateReport {
     pub worn_poses: Vec<WornPose>,
     /// Why the frame was refused, if it was: the filter is as it was before.
     pub refused: Option<EkfError>,
-    /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted.
+    /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted, and
+    /// [`Measurements::max_speed`] was kept.
     pub accepted: bool,
     /// Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of the map.
     pub jumped: bool,

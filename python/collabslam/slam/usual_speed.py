@@ -1,0 +1,71 @@
+"""How fast the camera usually goes, which bounds its speed after it has seen nothing (METHOD 28)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from collabslam._core import LAST_TIME, Filter
+from collabslam.formats.schema import Check, array, number, optional
+from collabslam.slam.state import PersistentState
+from collabslam.types import Array
+
+_FASTER = 1.5
+"""Times the usual speed that a camera does not exceed after it has seen nothing."""
+_USUAL = 0.9
+"""Share of the frames in which it is not faster than usually."""
+_LAST, _LEAST = 300, 50
+"""Frames that tell the usual speed: the last ones, and how many there must be."""
+_AFTER = 5.0
+"""Seconds after a frame that was refused in which the map's size is in doubt."""
+
+
+class UsualSpeed(PersistentState):
+    """Bounds the speed of a camera whose turn a gyroscope tells, after frames in which it saw nothing.
+
+    Parameters
+    ----------
+    core : Filter
+    """
+
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_speeds": array("<f8", None),
+        "_refused": optional(number(-LAST_TIME, LAST_TIME)),
+    }
+
+    def __init__(self, core: Filter) -> None:
+        self._filter = core
+        self._speeds: Array = np.empty(0)
+        self._refused: float | None = None
+
+    def most(self, t: float) -> float | None:
+        """The greatest speed (m/s) with which a frame at ``t``, which has been predicted, is used."""
+        doubted = self._refused is not None and t - self._refused <= _AFTER
+        if not doubted or len(self._speeds) < _LEAST or not self._filter.followed_gyro:
+            return None
+        return _FASTER * float(np.quantile(self._speeds, _USUAL))
+
+    def take(self, t: float, *, accepted: bool, lost: bool, trusted: bool) -> None:
+        """Takes a frame in.
+
+        Parameters
+        ----------
+        t : float
+            Its stamp, seconds.
+        accepted : bool
+            Whether it was used.
+        lost : bool
+            Whether the camera is lost: where it is found again, in a map or by Cf, it begins anew.
+        trusted : bool
+            Whether its status is OK.
+        """
+        bounded = self.most(t) is not None
+        if lost:
+            self._refused = None
+        elif not accepted:
+            self._refused = t
+        if trusted and not bounded:
+            speed = float(np.linalg.norm(self._filter.velocity))
+            self._speeds = np.append(self._speeds, speed)[-_LAST:]

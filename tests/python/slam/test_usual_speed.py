@@ -1,0 +1,70 @@
+"""After frames in which a camera saw nothing it does not go faster than it usually does (METHOD 28)."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.clip import Clip
+
+from collabslam import InputError, Slam
+from collabslam.slam.usual_speed import UsualSpeed
+
+
+def _went(frames: int, *, gyro: bool = True) -> UsualSpeed:
+    """A camera that went at 1 m/s, 10 frames a second, until the time 0."""
+    core = SimpleNamespace(followed_gyro=gyro, velocity=np.array([0.6, 0.0, 0.8]))
+    speed = UsualSpeed(core)  # type: ignore[arg-type]
+    for k in range(frames):
+        speed.take(0.1 * (k - frames), accepted=True, lost=False, trusted=True)
+    return speed
+
+
+def test_the_speed_is_bounded_for_a_while_after_a_frame_that_was_refused() -> None:
+    speed = _went(60)
+    assert speed.most(0.0) is None
+    speed.take(0.0, accepted=False, lost=False, trusted=False)
+    assert speed.most(4.9) == pytest.approx(1.5)
+    assert speed.most(5.1) is None
+    speed.take(0.1, accepted=False, lost=True, trusted=False)
+    assert speed.most(0.2) is None
+
+
+@pytest.mark.parametrize("speed", [_went(40), _went(60, gyro=False)])
+def test_it_is_not_where_too_little_is_known(speed: UsualSpeed) -> None:
+    speed.take(0.0, accepted=False, lost=False, trusted=False)
+    assert speed.most(0.1) is None
+
+
+def test_what_is_seen_while_it_is_bounded_tells_no_usual_speed() -> None:
+    speed = _went(60)
+    speed.take(0.0, accepted=False, lost=False, trusted=False)
+    speed._filter.velocity *= 1.4  # type: ignore[misc]
+    for k in range(1, 40):
+        speed.take(0.1 * k, accepted=True, lost=False, trusted=True)
+    assert speed.most(4.0) == pytest.approx(1.5)
+
+
+def test_a_frame_that_would_make_it_faster_is_refused(clip: Clip) -> None:
+    slam = Slam(clip.recording.camera, clip.recording.worn_camera)
+    for frame in clip.frames[:4]:
+        slam.step(frame.t, frame.image, frame.views)
+    core = slam.filter
+    core.predict(clip.frames[4].t)
+    expected, pose, covariance = core.predict_pixels(), core.pose, core.pose_covariance
+    seen = expected.ids, expected.ids, expected.uv
+    assert not core.update(*seen, max_speed=0.1).accepted
+    np.testing.assert_array_equal(core.pose, pose)
+    np.testing.assert_array_equal(core.pose_covariance, covariance)
+    assert core.update(*seen, max_speed=100.0).accepted
+    assert np.trace(core.pose_covariance) < np.trace(covariance)
+
+
+@pytest.mark.parametrize("most", [-1.0, np.nan])
+def test_a_bound_that_is_none_is_refused(clip: Clip, most: float) -> None:
+    slam = Slam(clip.recording.camera, clip.recording.worn_camera)
+    slam.step(clip.frames[0].t, clip.frames[0].image, clip.frames[0].views)
+    empty = np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2))
+    with pytest.raises(InputError, match="max_speed: it is negative"):
+        slam.filter.update(*empty, max_speed=most)
