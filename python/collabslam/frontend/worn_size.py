@@ -26,6 +26,8 @@ LAST_VIEWS, _LEAST_VIEWS = 7, 3
 """Views that together speak for a run: most of the last ones, that many at least."""
 WINDOWS = (7, 15, 30)
 """Last views whose lengths are asked together: a change shows in few, one that creeps in many."""
+LEAST_TOLD = 0.1
+"""Share of the variance of |t_CF| of which a view tells too little to count."""
 
 
 def ask_size(ratio: Array, sd: Array) -> float:

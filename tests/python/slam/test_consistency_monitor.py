@@ -38,8 +38,9 @@ def report(
     nis: float = 30.0,
     accepted: bool = True,
     error: Any = np.zeros(6),  # noqa: B008 (never written to)
+    told: float = 0.5,
 ) -> Any:
-    """Of an update with thirty bearings."""
+    """Of an update with thirty bearings, which took a share ``told`` of T_CF's variance away."""
     return SimpleNamespace(
         accepted=accepted,
         bearings=outcomes(refused),
@@ -47,7 +48,7 @@ def report(
         nis=nis,
         dof=2 * FOUND,
         worn_error=error,
-        worn_error_covariance=0.5 * VIEW.covariance,
+        worn_error_covariance=(1.0 - told) * VIEW.covariance,
     )
 
 
@@ -184,7 +185,7 @@ def test_a_map_begun_by_cf_alone_stays_degraded_until_the_camera_is_in_another()
     assert not size.inconsistent
 
 
-def test_lengths_of_t_cf_that_have_changed_are_told_until_the_camera_is_in_another_map() -> None:
+def test_lengths_of_t_cf_that_have_changed_are_told_while_the_last_views_say_so() -> None:
     """Ten views off by 1.5 sigma along the baseline, which turns no epipolar line, then good ones."""
     size = MapSize()
     judge = ConsistencyMonitor(FilterSettings(), size)
@@ -193,14 +194,17 @@ def test_lengths_of_t_cf_that_have_changed_are_told_until_the_camera_is_in_anoth
     shown = Overlaps((replace(seen(0.1).each[0], given=view, worn=view),))
     along = 0.03 * np.concatenate([t_cf[:3, :3].T @ t_cf[:3, 3], np.zeros(3)])
 
-    def said(sigmas: float, views: int = 1) -> str:
-        update = report(error=sigmas * along)
+    def said(sigmas: float, views: int = 1, told: float = 0.5) -> str:
+        update = report(error=sigmas * along, told=told)
         return [judge.judge(update, FOUND, shown, born()) for _ in range(views)][-1]
 
     assert said(0.1, 20) == NOTHING
     assert said(1.5, 5) == NOTHING
     assert said(1.5, 10) == "size"
-    assert said(0.1, 60) == "size"
+    assert said(0.1, 5) == "size"
+    assert said(0.1, 30) == NOTHING
+    assert said(3.0, 1, told=0.03) == NOTHING, "a view that says next to nothing"
+    assert said(1.5, 10) == "size"
     size.leave(contradicted=False)
     assert said(0.1) == NOTHING
 

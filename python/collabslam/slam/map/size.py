@@ -8,7 +8,13 @@ from typing import ClassVar
 import numpy as np
 
 from collabslam.formats.schema import Check, array, flag, optional, pose, table
-from collabslam.frontend.worn_size import LAST_VIEWS, WINDOWS, contradicted_length, contradicted_size
+from collabslam.frontend.worn_size import (
+    LAST_VIEWS,
+    LEAST_TOLD,
+    WINDOWS,
+    contradicted_length,
+    contradicted_size,
+)
 from collabslam.slam.state import PersistentState
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array
@@ -22,7 +28,6 @@ class MapSize(PersistentState):
         "_confirmed": optional(pose),
         "_anew": flag,
         "_lengths": table(int, array("<f8", None, 3)),
-        "_changed": flag,
     }
 
     def __init__(self) -> None:
@@ -30,7 +35,6 @@ class MapSize(PersistentState):
         self._confirmed: Array | None = None
         self._anew = False
         self._lengths: dict[int, Array] = {}
-        self._changed = False
 
     def take(self, overlap: Overlaps, t_wc: Array) -> None:
         """Takes in what the views of a frame said, and the pose of Cs (4, 4) in it."""
@@ -40,12 +44,16 @@ class MapSize(PersistentState):
             self._confirmed = t_wc
 
     def take_length(self, number: int, error: float, told: float, lasting: float) -> None:
-        """Takes in what a worn camera's view was found to say of |t_CF| (`contradicted_length`)."""
+        """Takes in what a worn camera's view was found to say of |t_CF| (`contradicted_length`).
+
+        A view that tells hardly anything of it does not count: a single one that does would stand for all.
+        """
+        if told < LEAST_TOLD:
+            return
         rows = np.vstack([self._lengths.get(number, np.empty((0, 3))), [error, told, lasting]])[
             -max(WINDOWS) :
         ]
         self._lengths = self._lengths | {number: rows}
-        self._changed = self._changed or contradicted_length(rows)
 
     @property
     def contradicted(self) -> bool:
@@ -56,9 +64,10 @@ class MapSize(PersistentState):
     def inconsistent(self) -> bool:
         """Whether they do, or the map was begun because they did: by T_CF, which may as well be wrong.
 
-        So it is where T_CF's lengths have changed: the map has followed them, and its parts differ in size.
+        So it is while T_CF's lengths have changed: the map follows them, and its parts differ in size.
         """
-        return self.contradicted or self._anew or self._changed
+        changed = any(contradicted_length(rows) for rows in self._lengths.values())
+        return self.contradicted or self._anew or changed
 
     def gone(self, t_wc: Array) -> Array:
         """Way (3,) in W since it was last confirmed, metres, from a pose of Cs (4, 4)."""
@@ -67,4 +76,4 @@ class MapSize(PersistentState):
     def leave(self, *, contradicted: bool) -> None:
         """The camera is in another map: one begun because this one's size was contradicted, or any."""
         self._told, self._confirmed, self._anew = np.empty(0), None, contradicted
-        self._lengths, self._changed = {}, False
+        self._lengths = {}
