@@ -69,13 +69,17 @@ def read_text(path: Path) -> str:
     """The text of a regular file, UTF-8, or UTF-16 with its mark; raises UnicodeDecodeError as well."""
     data = read_bytes(path)
     marked = data.startswith((b"\xff\xfe", b"\xfe\xff"))
-    return data.decode("utf-16" if marked else "utf-8-sig").replace("\r\n", "\n")
+    return _text(data, "utf-16" if marked else "utf-8-sig")
+
+
+def _text(data: bytes, encoding: str) -> str:
+    return data.decode(encoding).replace("\r\n", "\n")
 
 
 def read_own_text(path: Path) -> str:
-    """The text of a file of a result folder; raises DataError if it is missing, or no text any more."""
+    """The text of a file of a result folder, UTF-8; DataError if it is missing, or no text any more."""
     try:
-        return read_text(path)
+        return _text(read_bytes(path), "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or "it is not a text"
         raise DataError(

@@ -100,7 +100,7 @@ def test_live_is_offline_to_the_last_bit(clip: Clip, frames: list[Frame]) -> Non
         step = slam.step(frame.t, frame.image, late)
         offline.append(step.pose.tobytes() + step.covariance.tobytes())
         assert frame.views
-        late = [replace(frame.views[0], t=frame.t, who=name) for name in PERSONS]
+        late = [replace(frame.views[0], t=frame.t, who=name, body=True) for name in PERSONS]
     poses: list[LivePose] = []
     with LiveSlam(engine(clip), on_pose=poses.append, same_clock=True) as live:
         for frame in frames:
