@@ -131,14 +131,8 @@ impl Workspace {
         at: usize,
     ) -> Vector6<f64> {
         let mut seen = Vec::with_capacity(self.rows());
-        for block in &self.blocks {
-            seen.extend((0..block.rows.count).map(|r| gauge.seen_by(block, slots, r, SCALE)));
-        }
-        solve_lower_triangular_in_place(
-            MatRef::from_column_major_slice(&self.l, self.rows(), self.rows()),
-            MatMut::from_column_major_slice_mut(&mut seen, self.rows(), 1),
-            Par::Seq,
-        );
+        self.see(gauge, slots, SCALE, &mut seen);
+        self.solve_lower(&mut seen);
         let taken: f64 = seen.iter().map(|c| c * c).sum();
         let left = gauge.scale_variance() - taken;
         if left <= 0.0 || left.is_nan() {
@@ -324,23 +318,18 @@ impl Workspace {
     }
 
     /// Computes the update, `V = P H^T L^-T` and `V y`, and checks it before anything changes. Call it once, after
-    /// [`Self::factor`] and before [`Self::apply`]. With a gauge, and the features followed, it also computes `V C`, `C = L^-1 H P B`, in the same
+    /// [`Self::factor`] and before [`Self::apply`]. With a gauge, which is prepared, it also computes `V C`, `C = L^-1 H P B`, in the same
     /// pass: the gauge needs `P B` after the update, which is `P B - V C`.
     ///
     /// # Errors
     /// `Unsound` if mean or covariance would be impossible after the update.
-    pub(crate) fn solve(
-        &mut self,
-        state: &State,
-        gauge: Option<(&mut Gauge, &[u64])>,
-    ) -> Result<(), EkfError> {
+    pub(crate) fn solve(&mut self, state: &State, gauge: Option<&Gauge>) -> Result<(), EkfError> {
         if self.rows() == 0 {
             return Ok(());
         }
         self.along.clear();
         self.along.extend_from_slice(&self.y);
-        if let Some((gauge, followed)) = gauge {
-            gauge.prepare(state, followed);
+        if let Some(gauge) = gauge {
             self.look_along(gauge, state.p.stored().slots);
         }
         let products = self.along.len() / self.rows();
@@ -380,17 +369,28 @@ impl Workspace {
 
     /// Appends `C` to `y`.
     fn look_along(&mut self, gauge: &Gauge, slots: &[usize]) {
-        let m = self.rows();
+        let mut along = std::mem::take(&mut self.along);
         for k in 0..GAUGES {
-            for block in &self.blocks {
-                let rows = 0..block.rows.count;
-                let seen = rows.map(|r| gauge.seen_by(block, slots, r, k));
-                self.along.extend(seen);
-            }
+            self.see(gauge, slots, k, &mut along);
         }
+        self.solve_lower(&mut along[self.rows()..]);
+        self.along = along;
+    }
+
+    /// Appends `H P B` of the coordinate `k`.
+    fn see(&self, gauge: &Gauge, slots: &[usize], k: usize, out: &mut Vec<f64>) {
+        for block in &self.blocks {
+            out.extend((0..block.rows.count).map(|r| gauge.seen_by(block, slots, r, k)));
+        }
+    }
+
+    /// `L^-1` of columns.
+    fn solve_lower(&self, columns: &mut [f64]) {
+        let m = self.rows();
+        let count = columns.len() / m;
         solve_lower_triangular_in_place(
             MatRef::from_column_major_slice(&self.l, m, m),
-            MatMut::from_column_major_slice_mut(&mut self.along[m..], m, GAUGES),
+            MatMut::from_column_major_slice_mut(columns, m, count),
             Par::Seq,
         );
     }

@@ -243,7 +243,7 @@ def _vins(keys: Keys, _: str) -> Camera:
             model, coefficients = "omni", _each(d, "k1 k2 p1 p2")
         elif kind in ("PINHOLE", "PINHOLE_FULL"):
             intrinsics, model = _each(p, "fx fy cx cy"), "radtan"
-            coefficients = _each(d, "k1 k2 p1 p2" if kind == "PINHOLE" else "k1 k2 p1 p2 k3 k4 k5 k6")
+            coefficients = _each(d, "k1 k2 p1 p2" if kind == "PINHOLE" else _COEFFICIENTS)
         else:
             raise DataError(
                 f"The model_type '{kind}' of {keys.where} is not known; PINHOLE, MEI or KANNALA_BRANDT is."

@@ -245,14 +245,17 @@ impl Filter {
                 break;
             }
         }
+        let carries = self.setup.carries() && self.workspace.batch.rows() > 0;
+        if carries {
+            let followed = self.memory.followed.ids();
+            self.workspace.gauge.prepare(&self.memory.state, followed);
+        }
         if form == WornForm::Tight {
             self.linearise_at_told_error(z, scratch)?;
         }
         report.nis = self.workspace.batch.nis();
         report.dof = self.workspace.batch.rows();
-        let carries = self.setup.carries() && report.dof > 0;
-        let followed = self.memory.followed.ids();
-        let gauge = carries.then_some((&mut self.workspace.gauge, followed));
+        let gauge = carries.then_some(&self.workspace.gauge);
         self.workspace.batch.solve(&self.memory.state, gauge)?;
         if z.max_speed.is_some_and(|most| self.speed_after() > most) {
             return Ok(false);

@@ -134,6 +134,7 @@ impl Filter {
             outside.enter(&mut self.memory.state, |id| id == median);
         }
         let sigma = self.setup.settings.pixel.sigma_cs;
+        let median = self.median_range(&vague);
         let mut born = Vec::with_capacity(ids.len());
         let mut view = None;
         for id in ids {
@@ -153,10 +154,11 @@ impl Filter {
                 let (camera, (rho, sd)) = (&self.setup.camera, (vague.rho, vague.sd));
                 let mut new = NewFeature::with_prior_depth(camera, &first, &uv, sigma, rho, sd)?;
                 new.seen_from_first_pose(covariance);
-                if let Some((offset, range)) = self.median_range(&vague) {
-                    new.keep_ratio(offset, &range);
+                if let Some((offset, range)) = &median {
+                    new.keep_ratio(*offset, range);
                 }
-                new.share_readout(&new.by_pixel.clone(), by_readout);
+                let by_pixel = new.by_pixel;
+                new.share_readout(&by_pixel, by_readout);
                 self.append_feature(&new).map(|block| block.id)
             }));
         }

@@ -46,8 +46,6 @@ impl Filter {
         let slots = self.memory.state.p.stored().slots;
         let mut step = Vector6::from_fn(|i, _| moved[slots[at + i]]);
         if self.setup.carries() {
-            let followed = self.memory.followed.ids();
-            self.workspace.gauge.prepare(&self.memory.state, followed);
             let gauge = &self.workspace.gauge;
             step -= self.workspace.batch.moved_with_scale(gauge, slots, at);
         }
