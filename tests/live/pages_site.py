@@ -55,41 +55,56 @@ class Site:
 
 
 @contextmanager
+def served(gateway: Gateway, keys: Path) -> Iterator[int]:
+    """The pages, served by a thread until the block ends; gives the port."""
+    server, loop = WebServer(gateway, TOKENS), asyncio.new_event_loop()
+    found: list[int] = []
+    ready, done = threading.Event(), asyncio.Event()
+
+    async def serve() -> None:
+        async with server.serving("127.0.0.1", 0, keys) as number:
+            found.append(number)
+            ready.set()
+            await done.wait()
+
+    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()), daemon=True)
+    thread.start()
+    assert ready.wait(SOON)
+    try:
+        yield found[0]
+    finally:
+        loop.call_soon_threadsafe(done.set)
+        thread.join(SOON)
+        loop.close()
+
+
+def free_address() -> link.Address:
+    """Where nobody listens."""
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return link.Address("127.0.0.1", s.getsockname()[1])
+
+
+@contextmanager
 def site(folder: Path, phone: Camera | None) -> Iterator[Site]:
     """A robot that drives until the block ends, and pages for a phone of that calibration."""
     make_keys(folder, hosts=[], devices=[], web_hosts=["127.0.0.1"])
     recording = ThereAndBack()
     camera = Ending(recording)
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        address = link.Address("127.0.0.1", s.getsockname()[1])
+    address = free_address()
     with link.open_robot(address, None) as at_robot, link.open_device(address, None) as at_device:
         options = RobotOptions(folder / "out", Settings.default(), targets=[TAG])
         node = RobotNode(at_robot, camera, options)
         robot = threading.Thread(target=node.run, daemon=True)
         robot.start()
-        server = WebServer(Gateway(at_device, "web", phone), TOKENS)
-        loop = asyncio.new_event_loop()
-        found: list[int] = []
-        ready, done = threading.Event(), asyncio.Event()
-
-        async def serve() -> None:
-            async with server.serving("127.0.0.1", 0, folder / "web") as number:
-                found.append(number)
-                ready.set()
-                await done.wait()
-
-        thread = threading.Thread(target=lambda: loop.run_until_complete(serve()), daemon=True)
-        thread.start()
-        assert ready.wait(SOON)
         try:
-            with browser(phone_video(folder / "phone.mjpeg")) as whole:
-                yield Site(found[0], node, folder / "out", recording, whole)
+            with (
+                served(Gateway(at_device, "web", phone), folder / "web") as port,
+                browser(phone_video(folder / "phone.mjpeg")) as whole,
+            ):
+                yield Site(port, node, folder / "out", recording, whole)
         finally:
             camera.enough.set()
-            loop.call_soon_threadsafe(done.set)
-            thread.join(SOON)
-            loop.close()
             robot.join(SOON)
 
 

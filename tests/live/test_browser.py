@@ -65,13 +65,16 @@ def test_a_phone_and_a_tag_make_a_metric_pose(site: Site, phone: Browser) -> Non
     assert phone.until("document.getElementById('said').textContent === 'The robot uses your images.'", SOON)
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-def test_the_phone_shows_what_the_robot_sees(site: Site, phone: Browser, width: int) -> None:
-    phone.resize(width, 800)
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(1280, "light"), (390, "light"), (390, "dark"), (3840, "dark")]
+)
+def test_the_phone_shows_what_the_robot_sees(phone: Browser, width: int, scheme: str) -> None:
+    phone.resize(width, 1000 if width < 3000 else 2160)
+    phone.prefer(scheme)
     assert phone.until("document.getElementById('view').naturalWidth > 0", SOON)
     assert phone.until("document.getElementById('facts').rows.length > 5", SOON)
     assert fits(phone)
-    phone.screenshot(SHOTS / f"phone-{width}.png")
+    phone.screenshot(SHOTS / f"phone-{width}-{scheme}.png")
 
 
 @pytest.mark.parametrize("width", [1280, 390, 3840])
@@ -107,17 +110,16 @@ def test_a_wrong_token_is_told(site: Site) -> None:
     view.close()
 
 
-def test_pages_go_red_when_the_robot_is_dead(site: Site, phone: Browser) -> None:
-    """The last one: it says nothing any more, as one that was killed."""
+def test_a_worn_camera_that_is_silent_is_told(site: Site, phone: Browser) -> None:
+    """The robot goes on and its pages stay as they are, but nobody takes the last age for today's."""
     view = site.browser.page()
-    view.open(site.address("view", "view"), 390, 800)
-    assert view.until("document.getElementById('said').textContent.startsWith('OK')", SOON)
-    site.node._downlink.frame = lambda *_: None  # type: ignore[method-assign]
-    for page, name in ((view, "view"), (phone, "phone")):
-        assert page.until(
-            "document.getElementById('said').textContent.startsWith('the robot is silent')", SOON
-        )
-        assert page.value("document.getElementById('said').className") == "state bad"
-        assert page.value("document.body.classList.contains('silent')")
-        page.screenshot(SHOTS / f"{name}-dead.png")
+    view.open(site.address("view", "view"), 390, 1400)
+    phone.tell("Page.navigate", url="about:blank")
+    assert view.until(
+        "[...document.querySelectorAll('tr.bad')].some(r => r.textContent.includes('last image'))", SOON
+    )
+    assert view.until("document.querySelector('[data-of=persons]').classList.contains('bad')", SOON)
+    assert view.value(f"{SAID}.startsWith('OK · alone')")
+    assert not view.value("document.body.classList.contains('silent')")
+    view.screenshot(SHOTS / "view-worn-silent.png")
     view.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import cv2
@@ -11,12 +11,15 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.live import link, messages, names
-from collabslam.live.core import LivePose
+from collabslam.live.core import MONO, LivePose
 from collabslam.slam.engine import Slam
 from collabslam.slam.worn import view_planning
+from collabslam.types import Status
 
 STATUS_EVERY, MAP_EVERY, VIEW_EVERY = 0.5, 2.0, 0.3
 """Seconds between two messages of a kind."""
+SILENT = 2.0
+"""Seconds without an image of a device after which its status is stale."""
 VIEW_WIDTH = 480
 """Pixels of the picture for whoever watches."""
 _USED, _UNUSED, _BOTH = (80, 200, 80), (60, 60, 220), (40, 170, 255)
@@ -70,6 +73,13 @@ class Downlink:
         if self._is_due(names.VIEW, VIEW_EVERY) and self._wanted(names.VIEW):
             picture = view_picture(pose, slam.worn_cameras)
             self._out[names.VIEW].put(messages.compressed_image(step.t, "cs_optical", picture))
+
+    def waits(self, now: Callable[[], float], what: str) -> None:
+        """Tell who watches that no frame is worked on, as something is waited for."""
+        if self._is_due(names.STATUS, STATUS_EVERY):
+            state = Status.NOT_STARTED.value
+            told = {"waits_for": what, "link": MONO}
+            self._out[names.STATUS].put(messages.status(now(), {"robot": (state, state, told)}))
 
     def _place(self, pose: LivePose) -> None:
         """Where the worn cameras were whose views were measured."""
@@ -131,7 +141,8 @@ def status_of(
     for name, report in devices.items():
         rounded = {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in report.items()}
         rounded |= _view_plan((plans or {}).get(name, {}))
-        entries[name] = ("OK", pose.links.get(name, pose.link), rounded)
+        stale = report.get("last_image_s", 0.0) >= SILENT
+        entries[name] = ("STALE" if stale else "OK", pose.links.get(name, pose.link), rounded)
     return messages.status(step.t, entries)
 
 

@@ -33,7 +33,11 @@ LARGEST_SIDE = 4096
 MAP_POINTS, TRAJECTORY = 400, 2000
 """Points of the map, and of the way, that a page is told."""
 BEAT = 0.5
-"""Seconds after which a page is told how long the robot has been silent, if nothing else."""
+"""Seconds after which a page is told how old everything is, if nothing else."""
+AGED = ("status", "point", "persons", "map")
+"""Facts whose ages a page is told, beside the picture's."""
+CAMERA_EVERY = 1.0
+"""Seconds between two times that a phone's calibration is told before it sends."""
 GONE = 5.0
 """Seconds after which the place of a worn camera that is not measured any more is not shown."""
 
@@ -60,7 +64,8 @@ class Gateway:
         self._taken = threading.Lock()
         self._change = threading.Condition()
         self._facts: dict[str, tuple[int, Any]] = {}
-        self._last = -float("inf")
+        self._came: dict[str, float] = {}  # when each kind of fact came last
+        self._told_camera = -float("inf")
         self._trajectory: list[list[float]] = []
         self._persons: dict[str, tuple[float, list[float]]] = {}
         self._own = OwnImages()
@@ -111,6 +116,20 @@ class Gateway:
         """Write below the device's own name."""
         self._out[part].put(payload)
 
+    def announce(self) -> None:
+        """Tell the robot the phone's calibration: it may wait for that before it looks at anything."""
+        now = time.monotonic()
+        with self._change:
+            if self._camera is None or now - self._told_camera < CAMERA_EVERY:
+                return
+            self._told_camera = now
+        self.publish(names.CAMERA_INFO, messages.camera_info(0.0, "", self._camera))
+
+    @property
+    def name(self) -> str:
+        """Of the device."""
+        return self._name
+
     def new_session(self) -> str:
         """A name for a phone that has just connected."""
         return names.new_session(self._name)
@@ -156,7 +175,7 @@ class Gateway:
                     said["link"] = found[name]["message"]
                 facts |= {f"{name}: {k}": v for k, v in said.items()}
             facts |= {k.replace("_", " "): v for k, v in own.items() if k in DIAGNOSTICS}
-            self._tell(facts=facts, status=robot["message"], link=robot["link"])
+            self._tell(facts=facts, status=robot["message"], link=robot.get("link", ""))
 
     def _pose(self, key: str, payload: bytes) -> None:
         with contextlib.suppress(DataError):
@@ -186,7 +205,7 @@ class Gateway:
             data = messages.decoded(messages.COMPRESSED, payload).data.tobytes()
             with self._change:
                 self._picture = (self._picture[0] + 1, data)
-                self._last = time.monotonic()
+                self._came["picture"] = time.monotonic()
                 self._change.notify_all()
 
     def _tell(self, **facts: Any) -> None:
@@ -194,7 +213,7 @@ class Gateway:
         with self._change:
             self._count += 1
             self._facts |= {name: (self._count, value) for name, value in facts.items()}
-            self._last = time.monotonic()
+            self._came |= dict.fromkeys(facts.keys() & AGED, time.monotonic())
             self._change.notify_all()
 
 
@@ -208,7 +227,8 @@ class Watch:
     def next(self) -> tuple[dict[str, Any], bytes | None]:
         """Waits for something new, at most `BEAT` seconds; what is new, and the picture if it is another one.
 
-        ``silent`` is always there: seconds since anything came from the robot, None if nothing ever did.
+        ``ages`` is always there: seconds since the robot told each of `AGED`, and since its last picture, of
+        those that ever came.
         """
         of, until = self._of, time.monotonic() + BEAT
         with of._change:
@@ -221,8 +241,8 @@ class Watch:
                 facts["trajectory"] = list(of._trajectory)
             self._count = of._count
             number, data = of._picture
-            silent = time.monotonic() - of._last
-        facts["silent"] = round(silent, 2) if np.isfinite(silent) else None
+            now = time.monotonic()
+            facts["ages"] = {name: round(now - came, 2) for name, came in sorted(of._came.items())}
         picture = data if number != self._picture else None
         self._picture = number
         return facts, picture

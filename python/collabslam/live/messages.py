@@ -36,7 +36,14 @@ GYRO = "cs_gyro"
 FARTHEST = 2.0**31
 """Seconds before which stamps are."""
 _CLOUD_FIELDS = ("x", "y", "z", "sd")
-LEVELS = {"OK": b"\0", "DEGRADED": b"\1", "COASTING": b"\1", "NOT_STARTED": b"\1", "LOST": b"\2"}
+LEVELS = {
+    "OK": b"\0",
+    "DEGRADED": b"\1",
+    "COASTING": b"\1",
+    "NOT_STARTED": b"\1",
+    "LOST": b"\2",
+    "STALE": b"\3",
+}
 
 
 @cache

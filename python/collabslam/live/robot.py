@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live import link, messages, names
 from collabslam.live.cameras import RecordingPlayback
 from collabslam.live.core import Event, LivePose
-from collabslam.live.downlink import Downlink
+from collabslam.live.downlink import SILENT, Downlink
 from collabslam.live.frame_source import LiveCamera
 from collabslam.live.pictures import Pictures
 from collabslam.live.plan import LivePlan, imu_state
@@ -126,7 +127,8 @@ class RobotNode:
             folder = _folder(options, stack)
             heard = link.subscriber(self._zenoh, names.ALL_WORN, self.uplink.take)
             stack.callback(heard.undeclare)
-            worn = worn_calibrations(options, self._camera, self.uplink)
+            waits = partial(self._downlink.waits, lambda: self._camera.clock.now())
+            worn = worn_calibrations(options, self._camera, self.uplink, waits)
             self.uplink.use(worn)
             pictures = Pictures(worn, self.uplink.give, self.uplink.drop)
             stack.callback(pictures.close)
@@ -269,9 +271,12 @@ def status_text(
     step = pose.step
     sd = float(np.sqrt(max(np.trace(step.covariance[:3, :3]), 0.0)))
     where = f"position to {sd:.3f} {'m' if step.metric else 'units'}" if step.valid else "no pose yet"
-    ages = [f"{name} {of['age_median_ms']:.0f} ms" for name, of in devices.items() if "age_median_ms" in of]
+    heard = {name: of for name, of in devices.items() if "age_median_ms" in of}
+    gone = {name: of["last_image_s"] for name, of in heard.items() if of["last_image_s"] >= SILENT}
+    ages = [f"{name} {of['age_median_ms']:.0f} ms" for name, of in heard.items() if name not in gone]
     dropped = sum(int(n) for what, n in facts.items() if what.startswith("dropped "))
     images = f", images of {', '.join(ages)} old" if ages else ""
+    images += "".join(f", none of {name} for {seconds:.0f} s" for name, seconds in gone.items())
     return f"frame {frames}: {step.status.value}, {pose.link}, {where}{images}, {dropped} dropped"
 
 
@@ -280,10 +285,12 @@ def merged(report: Mapping[str, float], counts: Mapping[str, int]) -> dict[str, 
     return {name: report.get(name, 0) + counts.get(name, 0) for name in (*report, *counts)}
 
 
-def worn_calibrations(options: RobotOptions, camera: LiveCamera, uplink: Uplink) -> dict[str, Camera]:
+def worn_calibrations(
+    options: RobotOptions, camera: LiveCamera, uplink: Uplink, waits: Callable[[str], None] = lambda _: None
+) -> dict[str, Camera]:
     """Each Cf's calibration by name: one that was given, the recording's own, or that which its device tells.
 
-    None where no worn camera is used.
+    None where no worn camera is used.  ``waits`` is told again and again what is waited for.
 
     Raises
     ------
@@ -309,6 +316,7 @@ def worn_calibrations(options: RobotOptions, camera: LiveCamera, uplink: Uplink)
         _say(f"waiting for {whose}, to tell the calibration (--worn-camera FILE does without)")
     while missing := [name for name in waited if name not in known]:
         known |= uplink.calibrations(missing, 0.2)
+        waits("the worn camera" if missing == [""] else ", ".join(missing))
     return {name: known[name] for name in names}
 
 

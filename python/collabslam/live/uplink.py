@@ -172,13 +172,13 @@ class Uplink:
             return list(self._devices[name].arrivals) if name in self._devices else []
 
     def reports(self) -> dict[str, dict[str, float]]:
-        """Of each device: images received, their last age and the median of the last ten, milliseconds; what
-        was dropped, by reason.
+        """Of each device: images received, their last age and the median of the last ten, milliseconds; how
+        long ago the last one came, seconds; what was dropped, by reason.
 
         One of which none has arrived is told so: it has to know that its way loses all.
         """
         with self._lock:
-            return {name: _report(device) for name, device in self._devices.items()}
+            return {name: _report(device, self._now()) for name, device in self._devices.items()}
 
     def take(self, key: str, payload: bytes) -> None:
         """A message of a device; never raises."""
@@ -336,7 +336,7 @@ def _allowed(device: _Device, part: str, now: float) -> bool:
     return left >= 1.0
 
 
-def _report(device: _Device) -> dict[str, float]:
+def _report(device: _Device, now: float) -> dict[str, float]:
     counts = device.dropped + Counter({UNPAIRED: device.pairing.unpaired})
     dropped = {f"{DROPPED}{reason}": float(count) for reason, count in counts.items() if count}
     if not device.arrivals:
@@ -346,6 +346,7 @@ def _report(device: _Device) -> dict[str, float]:
         "images": device.images_received,
         "age_ms": ages[-1],
         "age_median_ms": statistics.median(ages[-10:]),
+        "last_image_s": now - device.arrivals[-1].came,
         "clock_drift_ppm": 1e6 * device.clock.drift,
         **dropped,
     }

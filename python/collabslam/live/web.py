@@ -194,7 +194,8 @@ class WebServer:
                 facts, picture = await asyncio.to_thread(watch.next)
                 if picture is not None:
                     await socket.send(picture)
-                await socket.send(json.dumps(_of_phone(facts)))
+                await asyncio.to_thread(self._gateway.announce)
+                await socket.send(json.dumps(self._of_phone(facts)))
 
     async def _phone(self, socket: Any, hello: Mapping[str, Any]) -> None:
         """A phone's images, and what it is told."""
@@ -222,7 +223,16 @@ class WebServer:
                 facts, picture = await asyncio.to_thread(watch.next)
                 if picture is not None:
                     await socket.send(picture)
-                await socket.send(json.dumps({"level": phone.level(), **_of_phone(facts)}))
+                await socket.send(json.dumps({"level": phone.level(), **self._of_phone(facts)}))
+
+    def _of_phone(self, facts: Mapping[str, Any]) -> dict[str, Any]:
+        """What a phone's page is told of it, with "this phone" for the device's name."""
+        told = {name: facts[name] for name in ("facts", "own", "status", "ages") if name in facts}
+        if "facts" in told:
+            own, ours = f"{self._gateway.name}: ", "this phone: "
+            values = told["facts"].items()
+            told["facts"] = {ours + k.removeprefix(own) if k.startswith(own) else k: v for k, v in values}
+        return told
 
     async def _answer(self, socket: Any, phone: Any, message: Mapping[str, Any]) -> None:
         received = self._clock.now()
@@ -236,11 +246,6 @@ class WebServer:
         elif isinstance(own, list) and len(own) == 8 and all(map(_is_time, own)):
             t, *numbers = map(float, own)
             phone.own(t, np.array(numbers[:3]), np.array(numbers[3:]))
-
-
-def _of_phone(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """What a phone's page is told of it."""
-    return {name: facts[name] for name in ("facts", "own", "status", "silent") if name in facts}
 
 
 def _bytes(text: str) -> bytes:

@@ -280,20 +280,20 @@ def test_facts_are_told_once_and_how_long_the_robot_is_silent(
         told: list[dict[str, Any]] = []
         async with open_socket(port, context, "view") as page:
             await page.send(json.dumps({"token": TOKENS.view}))
-            assert json.loads(await page.recv()) == {"silent": None}
+            assert json.loads(await page.recv()) == {"ages": {}}
             while not any(message.get("status") == "OK" for message in told):
                 there.status.put(messages.status(1.0, {"robot": ("OK", "OK", {"link": "mono"})}))
                 told.append(json.loads(await page.recv()))
             there.close()
-            while (told[-1]["silent"] or 0.0) < 2.5:
+            while told[-1]["ages"]["status"] < 2.5:
                 told.append(json.loads(await page.recv()))
         return told
 
     told = served(gateway, keys, visit)
     last = max(k for k, message in enumerate(told) if "status" in message)
     assert len(told) > last + 2
-    assert all(set(message) == {"silent"} for message in told[last + 1 :])
-    ages = [message["silent"] for message in told[last + 1 :]]
+    assert all(set(message) == {"ages"} for message in told[last + 1 :])
+    ages = [message["ages"]["status"] for message in told[last + 1 :]]
     assert ages == sorted(ages)
 
 
@@ -348,7 +348,7 @@ def test_who_shows_no_token_holds_no_place(robot: tuple[Robot, Gateway], keys: P
             await page.send(json.dumps({"token": TOKENS.view}))
             return dict(json.loads(await page.recv()))
 
-    assert "silent" in served(robot[1], keys, visit)
+    assert "ages" in served(robot[1], keys, visit)
 
 
 def test_so_many_pages_and_no_more(robot: tuple[Robot, Gateway], keys: Path) -> None:
@@ -358,7 +358,7 @@ def test_so_many_pages_and_no_more(robot: tuple[Robot, Gateway], keys: Path) -> 
             for _ in range(CONNECTIONS):
                 page = await stack.enter_async_context(open_socket(port, context, "view"))
                 await page.send(json.dumps({"token": TOKENS.view}))
-                seen.append("silent" in json.loads(await page.recv()))
+                seen.append("ages" in json.loads(await page.recv()))
             page = await stack.enter_async_context(open_socket(port, context, "view"))
             await page.send(json.dumps({"token": TOKENS.view}))
             with pytest.raises(ConnectionClosed):

@@ -5,12 +5,13 @@ import { possible, track } from "/tracked.js";
 const video = document.getElementById("video");
 const plain = document.getElementById("start"), tracked = document.getElementById("track");
 const seconds = (ms) => (performance.timeOrigin + ms) / 1000;
-let socket = null, busy = false, last = -Infinity, sent = 0, asking = null, started = false, lost = false, own = null, problem = "";
-const shown = new Set(["link", "started", "metric", "cf matches"]);
+let waits = "", socket = null, busy = false, last = -Infinity, sent = 0, asking = null, started = false, lost = false, own = null, problem = "", trackable = false;
+const shown = new Set(["started", "metric", "cf matches"]);
 let level = { width: 640, quality: 0.5, rate: 10 };
 
 function begun(yes, why = "") {
-  started = plain.disabled = tracked.disabled = yes;
+  started = plain.hidden = yes;
+  tracked.hidden = yes || !trackable;
   video.hidden = !yes;
   problem = why;
 }
@@ -84,6 +85,7 @@ function take(message, from) {
 }
 
 function tell(said) {
+  waits = said["waits for"] || "";
   const own = Object.entries(said).filter(([name]) => shown.has(name) || name.includes(":"));
   facts({ ...(started ? { "images sent": sent } : {}), ...Object.fromEntries(own) });
 }
@@ -92,7 +94,8 @@ function tell(said) {
 setInterval(() => {
   if (problem) { say(problem, false); return; }
   if (isSilent(true) || lost) return;
-  if (!started) say("Not started. Below is what the robot sees.", true);
+  if (!started && waits) say(`Not started. The robot waits for ${waits}: start the camera.`, true);
+  else if (!started) say("Not started. Below is what the robot sees.", true);
   else if (own) say(own.text, own.good);
   else say("Sending; the robot has not said yet what becomes of your images.", false);
 }, 250);
@@ -137,5 +140,5 @@ async function send(canvas, taken, from) {
 
 plain.onclick = start;
 tracked.onclick = startTracked;
-possible().then((yes) => { tracked.hidden = !yes; });
+possible().then((yes) => { trackable = yes; tracked.hidden = !yes || started; });
 if (new URLSearchParams(location.hash.slice(1)).has("start")) start();

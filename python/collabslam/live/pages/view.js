@@ -4,14 +4,14 @@ import { connect, facts, isSilent, say } from "/link.js";
 const canvas = document.getElementById("map"), pen = canvas.getContext("2d");
 const NEAR = 8; // so far from the camera points of the map are shown whole
 const SEEN = 9; // pixels below which an ellipse is drawn dashed around what is too small to be seen
-let path = [], points = [], persons = [], unit = "m", status = "", link = "", box = null;
+let path = [], points = [], persons = [], unit = "m", status = "", waits = "", link = "", box = null;
 
 function take(message) {
   if (message.trajectory) path = message.trajectory;
   else if (message.point) { path.push(message.point); if (path.length > 5000) path.shift(); }
   if (message.map) points = message.map;
   if (message.persons) persons = Object.entries(message.persons);
-  if (message.facts) { facts(message.facts); unit = message.facts.metric === "True" ? "m" : "units"; }
+  if (message.facts) { facts(message.facts); unit = message.facts.metric === "True" ? "m" : "units"; waits = message.facts["waits for"]; }
   if (message.status) [status, link] = [message.status, message.link];
 }
 
@@ -54,7 +54,7 @@ function arrow(at, [x, z, , , , heading], size) {
 // W's x to the right and z upwards; the path fits, and what of the map is near the camera.
 function draw() {
   requestAnimationFrame(draw);
-  if (!isSilent(true) && status) say(`${status} · ${link === "collab" ? "with the worn camera" : "alone"}`, status === "OK");
+  if (!isSilent(true) && status) say(waits ? `waits for ${waits}` : `${status} · ${link === "collab" ? "with the worn camera" : "alone"}`, status === "OK");
   const size = devicePixelRatio * Math.max(1, canvas.clientWidth / 900);
   const width = Math.round(canvas.clientWidth * devicePixelRatio), height = Math.round(canvas.clientHeight * devicePixelRatio);
   if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
@@ -77,13 +77,15 @@ function draw() {
   for (const [name, place] of persons) {
     ellipse(at, place, scale, size);
     arrow(at, place, size);
-    const [u, v] = at(place[0], place[1]);
-    pen.fillText(name || "worn", u + 12 * size, v - 12 * size);
+    const [u, v] = at(place[0], place[1]), left = place[0] < x; // away from the robot
+    pen.textAlign = left ? "right" : "left";
+    pen.fillText(name || "worn", u + (left ? -14 : 14) * size, v + 5 * size);
   }
   pen.strokeStyle = pen.fillStyle = colour("--place");
   ellipse(at, last, scale, size);
   arrow(at, last, size);
   document.getElementById("sd").textContent = `${(3 * a).toPrecision(2)} by ${(3 * b).toPrecision(2)} ${unit}`;
+  pen.textAlign = "left";
   const metre = 10 ** Math.floor(Math.log10((right - left) / 3));
   pen.fillStyle = colour("--ink");
   pen.fillRect(16 * size, height - 16 * size, metre * scale, 3 * size);
