@@ -105,6 +105,7 @@ _HOMES = {
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import_module("collabslam.extension").check_extension()
     value = getattr(import_module(f"collabslam.{_HOMES[name]}"), name)
     globals()[name] = value
     return value

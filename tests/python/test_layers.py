@@ -24,6 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "version": {"_core"},
     "extras": {"errors"},
+    "extension": {"_core", "errors"},
     "types": {"_core", "errors"},
     "geometry": {"_core", "errors", "types"},
     "level": {"geometry", "types"},

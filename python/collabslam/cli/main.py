@@ -107,6 +107,7 @@ class _CommandParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         if self._module:
+            import_module("collabslam.extension").check_extension()
             module = import_module(self._module)
             self._module = ""
             self.set_defaults(main=module.main)

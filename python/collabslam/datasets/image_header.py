@@ -17,6 +17,8 @@ SIGNATURES = "PNG, JPEG, TIFF, BMP, PGM and PPM"
 
 
 _MOST_TAGS = 1000
+_ANYTHING = 0xFFFF
+"""The largest sample that writers of 16 bits give, whatever the picture has: it states nothing."""
 
 
 class Header(NamedTuple):
@@ -24,6 +26,7 @@ class Header(NamedTuple):
 
     ``bits`` of a sample: 8 or less, or what a deeper image says it uses (16 if it says nothing).
     ``stated`` is whether it says so.  ``passes`` over the whole picture are what decoding it costs.
+    ``channels`` are 1 of a picture that may be grey.
     """
 
     kind: str
@@ -32,6 +35,7 @@ class Header(NamedTuple):
     bits: int = 8
     stated: bool = True
     passes: int = 1
+    channels: int = 0
 
 
 def read_header(data: bytes) -> Header | None:
@@ -57,6 +61,7 @@ def _png(data: bytes) -> Header | None:
         return None
     width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
     bits, stated, at = data[24], data[24] <= 8, 8
+    grey = int(data[25] == 0)  # the kind of its colours; palettes (3) and alpha (4) have more
     while at + 12 <= len(data):
         length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
         if kind == b"sBIT" and bits == 16 and 1 <= length <= 4:
@@ -65,20 +70,25 @@ def _png(data: bytes) -> Header | None:
         if kind in _MOVING:
             return None
         if kind == b"IEND":
-            return Header("PNG", width, height, bits, stated) if at <= len(data) else None
+            return Header("PNG", width, height, bits, stated, channels=grey) if at <= len(data) else None
     return None
 
 
 def _jpeg(data: bytes) -> Header | None:
     frame = read_jpeg(data)
-    return None if frame is None else Header("JPEG", frame.width, frame.height, passes=frame.scans)
+    return (
+        None
+        if frame is None
+        else Header("JPEG", frame.width, frame.height, passes=frame.scans, channels=frame.channels)
+    )
 
 
 def _bmp(data: bytes) -> Header | None:
     if len(data) < 26 or int.from_bytes(data[14:18], "little") < 40:
         return None
     width, height = (int.from_bytes(data[at : at + 4], "little", signed=True) for at in (18, 22))
-    return Header("BMP", abs(width), abs(height))
+    grey = int(int.from_bytes(data[28:30], "little") == 8)
+    return Header("BMP", abs(width), abs(height), channels=grey)
 
 
 def _netpbm(data: bytes) -> Header | None:
@@ -88,7 +98,8 @@ def _netpbm(data: bytes) -> Header | None:
         return None
     width, height = int(words[0]), int(words[1])
     most = int(words[2]) if needed == 3 else 1
-    return Header("PGM or PPM", width, height, max(most.bit_length(), 1))
+    grey = int(data[1:2] in b"25")
+    return Header("PGM or PPM", width, height, max(most.bit_length(), 1), most != _ANYTHING, channels=grey)
 
 
 def _tiff(data: bytes) -> Header | None:
@@ -117,7 +128,8 @@ def _tiff(data: bytes) -> Header | None:
             tags[number(at, 2)] = number(place, size)
     if 256 not in tags or 257 not in tags:
         return None
-    bits = tags.get(258, 1)
-    if bits > 8 and 281 in tags:
-        return Header("TIFF", tags[256], tags[257], max(tags[281].bit_length(), 1))
-    return Header("TIFF", tags[256], tags[257], bits, bits <= 8)
+    bits, grey = tags.get(258, 1), int(tags.get(277, 1) == 1 and tags.get(262) in (0, 1))
+    stated = bits <= 8
+    if bits > 8 and tags.get(281, _ANYTHING) != _ANYTHING:
+        bits, stated = max(tags[281].bit_length(), 1), True
+    return Header("TIFF", tags[256], tags[257], bits, stated, channels=grey)

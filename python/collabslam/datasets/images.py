@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Iterable
-from decimal import Decimal
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,10 +12,11 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_size
+from collabslam.datasets.deep_range import SAMPLED, Extent, Range, common_range, extent_of
 from collabslam.datasets.gate import tell
 from collabslam.datasets.image_header import SIGNATURES, Header, read_header
-from collabslam.datasets.image_names import of_one_kind
-from collabslam.datasets.units import has_nanosecond_parts, padded
+from collabslam.datasets.image_names import in_order_of_names, of_one_kind
+from collabslam.datasets.mosaic import LOOKED_AT, MOSAIC_TOLD, mosaic_of
 from collabslam.errors import DataError
 from collabslam.formats.decoder_limit import MOST_PIXELS
 from collabslam.formats.files import read_bytes, require_regular
@@ -28,12 +27,6 @@ SMALL, DENSEST = 1 << 24, 1100
 MOST_PASSED = 1 << 29
 """Pixels that all passes over an image may go over: 64 scans of 8 megapixels, ten of 50."""
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff"})
-DEPTHS = (8, 10, 12, 14, 16)
-"""Bits that cameras deliver."""
-SAMPLED = 64
-"""Deep images of which the largest value is looked at, spread over a recording."""
-_BRIGHTER = 50
-"""One in so many may be brighter than the range: what one broken pixel costs is one image."""
 _LARGEST = 1 << 28
 """Bytes of an image's file."""
 
@@ -54,12 +47,20 @@ def decode_grey(path: Path, camera: Camera | None = None) -> Image:
     """
     data = _content(path)
     header = read_header(data)
-    bits = None if header is None or header.stated else used_bits(path.parent, path.suffix)
-    return decode(data, str(path), camera, bits)
+    if header is None:
+        return decode(data, str(path), camera)
+    _check_size(header, camera, str(path))
+    deep = None if header.bits <= 8 else used_range(path.parent, path.suffix)
+    mosaic = None if header.channels != 1 else mosaic_in(path.parent, path.suffix)
+    return decode(data, str(path), camera, deep, mosaic)
 
 
 def decode(
-    data: bytes, where: str, camera: Camera | None = None, bits: int | None = None, mosaic: int | None = None
+    data: bytes,
+    where: str,
+    camera: Camera | None = None,
+    deep: Range | None = None,
+    mosaic: int | None = None,
 ) -> Image:
     """Decode the content of an image file as (H, W) uint8 grey.
 
@@ -71,8 +72,8 @@ def decode(
         What to call it in an error.
     camera : Camera, optional
         That took it.
-    bits : int, optional
-        That an image of more than 8 bits uses of each sample, if its header does not state them.
+    deep : Range, optional
+        Of the values of an image of more than 8 bits; what its header states unless given.
     mosaic : int, optional
         OpenCV's conversion of a Bayer pattern to grey, if an image of one channel is a mosaic.
 
@@ -82,15 +83,19 @@ def decode(
         Naming ``where``, if it is empty, cut short, no image, or of another size.
     """
     header = read_header(data)
-    if header is not None and camera is not None and min(header.width, header.height) > 0:
-        check_size(camera, (header.width, header.height), where)
+    _check_size(header, camera, where)
     image = None if header is None else _decoded(data, header, mosaic)
     if header is None or image is None:
         raise DataError(
             f"The image {where} is empty, cut short or not an image that is read ({SIGNATURES}); copy it "
             "again from the source, or convert it."
         )
-    return shallow(image, header.bits if bits is None or header.stated else bits)
+    return (deep or Range(0, header.bits)).grey(image)
+
+
+def _check_size(header: Header | None, camera: Camera | None, where: str) -> None:
+    if header is not None and camera is not None and min(header.width, header.height) > 0:
+        check_size(camera, (header.width, header.height), where)
 
 
 def _decoded(data: bytes, header: Header, mosaic: int | None = None) -> np.ndarray | None:
@@ -113,42 +118,53 @@ def _decoded(data: bytes, header: Header, mosaic: int | None = None) -> np.ndarr
     return image
 
 
-def shallow(image: np.ndarray, bits: int) -> Image:
-    """An image of 8 or more used bits as uint8: the most significant eight; white where it uses more."""
-    if image.dtype == np.uint8:
-        return np.asarray(image, dtype=np.uint8)
-    return np.asarray(np.minimum(image >> max(bits - 8, 0), 255), dtype=np.uint8)
+@lru_cache(maxsize=64)
+def used_range(folder: Path, suffix: str) -> Range:
+    """The range of a folder's deep images, as some spread over it show; all of them are taken alike."""
+    contents = _spread(folder, suffix, SAMPLED)
+    found = common_range(map(extent, contents))
+    tell("depth of pixels", f"{found}, by the values of {len(contents)} files", folder)
+    return found
 
 
 @lru_cache(maxsize=64)
-def used_bits(folder: Path, suffix: str) -> int:
-    """Bits that a folder's deep images use, as some spread over it show; one of `DEPTHS`.
-
-    Cameras store 10 or 12 bits in files of 16 that do not say so. All images of a folder are taken alike.
-    """
-    paths = sorted(p for p in folder.iterdir() if p.suffix == suffix and p.name[0] != ".")
-    spread = np.unique(np.linspace(0, len(paths) - 1, SAMPLED).round().astype(int))
-    bits = common_depth([largest_value(_content(paths[k])) for k in spread])
-    tell("depth of pixels", f"{bits} bits, by the largest values of {len(paths)} files", folder)
-    return bits
+def mosaic_in(folder: Path, suffix: str) -> int | None:
+    """OpenCV's conversion of the Bayer mosaic that a folder's images of one channel are, if they are."""
+    images = [one_channel(content) for content in _spread(folder, suffix, LOOKED_AT)]
+    code = mosaic_of([image for image in images if image is not None])
+    if code is not None:
+        tell("pixels", MOSAIC_TOLD, folder)
+    return code
 
 
-def largest_value(data: bytes) -> int:
-    """The largest value of an image file of more than 8 bits that does not state them; 0 of any other."""
+def one_channel(data: bytes) -> np.ndarray | None:
+    """The picture of an image file of one channel, (H, W); None of any other."""
     header = read_header(data)
-    image = None if header is None or header.stated else _decoded(data, header)
-    return 0 if image is None else int(image.max())
+    return None if header is None or header.channels != 1 else _decoded(data, header)
 
 
-def depth_of(largest: int) -> int:
-    """The least of `DEPTHS` that holds a value."""
-    return next(bits for bits in DEPTHS if largest >> bits == 0)
+def _spread(folder: Path, suffix: str, count: int) -> list[bytes]:
+    """The contents of some of a folder's images, from the first to the last; of those that can be read."""
+    paths = sorted(p for p in folder.iterdir() if p.suffix == suffix and p.name[0] != ".")
+    chosen = np.unique(np.linspace(0, len(paths) - 1, count).round().astype(int))
+    found = []
+    for k in chosen:
+        with suppress(DataError):
+            found.append(_content(paths[k]))
+    return found
 
 
-def common_depth(largest: Iterable[int]) -> int:
-    """The least of `DEPTHS` that holds the largest values of all images but one in `_BRIGHTER`."""
-    ranked = sorted(value for value in largest if value)
-    return depth_of(ranked[-1 - len(ranked) // _BRIGHTER] if ranked else 0)
+def extent(data: bytes) -> Extent:
+    """The extent of an image file of more than 8 bits; its largest value is 0 of any other.
+
+    Where the header states how many bits are used, the largest value is what they hold.
+    """
+    header = read_header(data)
+    image = None if header is None or header.bits <= 8 else _decoded(data, header)
+    if header is None or image is None or image.dtype == np.uint8:
+        return Extent(0, 0, 0)
+    found = extent_of(image)
+    return found._replace(largest=(1 << header.bits) - 1) if header.stated else found
 
 
 def decode_deep(path: Path, camera: Camera) -> np.ndarray:
@@ -167,8 +183,7 @@ def decode_deep(path: Path, camera: Camera) -> np.ndarray:
     """
     data = _content(path)
     header = read_header(data)
-    if header is not None and min(header.width, header.height) > 0:
-        check_size(camera, (header.width, header.height), str(path))
+    _check_size(header, camera, str(path))
     return deep(data, str(path))
 
 
@@ -213,28 +228,12 @@ def list_images(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise DataError(f"The image folder {folder} does not exist; give the recording's own folder.")
     found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != "."]
-    stems = [p.stem for p in found]
-    if has_nanosecond_parts(stems):
-        found.sort(key=lambda p: Decimal(padded(p.stem)))
-    else:
-        decimals = all(re.fullmatch(r"-?[0-9]+(\.[0-9]+)?", stem) for stem in stems)
-        found.sort(key=_decimals if decimals else natural)
     for path in found:
         require_regular(path)
     if not found:
         kinds = ", ".join(sorted(IMAGE_SUFFIXES))
         raise DataError(f"The folder {folder} holds no images; files ending in {kinds} are read.")
-    return of_one_kind(found)
-
-
-def natural(path: Path) -> tuple[list[str | int], str]:
-    """A key that sorts files by the numbers in their names."""
-    parts = re.split(r"([0-9]+)", path.name)
-    return [int(part) if k % 2 else part for k, part in enumerate(parts)], path.name
-
-
-def _decimals(path: Path) -> tuple[Decimal, str]:
-    return Decimal(path.stem), path.name
+    return of_one_kind(in_order_of_names(found))
 
 
 def named_file(folder: Path, name: str, where: str) -> Path:

@@ -17,10 +17,11 @@ _TABLES = frozenset((0xC4, 0xCC, 0xDB, 0xDC, 0xDD, 0xFE, *range(0xE0, 0xF0)))
 
 
 class JpegFrame(NamedTuple):
-    """Width and height in pixels, and passes over the picture."""
+    """Width and height in pixels, channels, and passes over the picture."""
 
     width: int
     height: int
+    channels: int
     scans: int
 
 
@@ -44,7 +45,7 @@ def read_jpeg(data: bytes) -> JpegFrame | None:
             if frame is not None or length < 11:
                 return None
             height, width = (int.from_bytes(data[at + k : at + k + 2], "big") for k in (5, 7))
-            frame = width, height
+            frame = width, height, data[at + 9]
         elif marker == _SCAN:
             scans += 1
             after = _AFTER_SCAN.search(data, at + 2 + length)

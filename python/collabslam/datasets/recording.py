@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,9 +12,10 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.depth_image import DepthImage
 from collabslam.datasets.gate import tell
+from collabslam.datasets.image_names import counting
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.recorded_worn import RecordedWorn, WithWornCameras, views_of
-from collabslam.datasets.units import as_seconds, looks_dated, read_stamps
+from collabslam.datasets.units import UNITS, as_seconds, looks_dated, read_stamps
 from collabslam.errors import DataError, InputError
 from collabslam.types import Array, Frame, Image, ImuLog, Masks, Odometry, Recording, Target
 
@@ -124,8 +124,8 @@ def frame_index(recording: Recording, i: int) -> int:
 def times_at_rate(paths: Sequence[Path], rate: float) -> Array:
     """Time stamps of images that carry none: the numbers in their names, from the first, over the frame rate.
 
-    The number is the last one before the name's first dot that increases; missing images leave gaps, so that
-    the time between frames stays true.  Names without increasing numbers count as 0, 1, 2 and so on.
+    See `counting`; missing images leave gaps, so that the time between frames stays true.  Numbers that are
+    as far apart as milli-, micro- or nanoseconds are at that rate count these.
 
     Parameters
     ----------
@@ -141,27 +141,33 @@ def times_at_rate(paths: Sequence[Path], rate: float) -> Array:
     Raises
     ------
     DataError
-        If the numbers are dates and times of day, which do not count frames.
+        If no numbers increase, or they are dates and times of day, which do not count frames.
     """
-    groups = [re.findall(r"[0-9]+", p.name.split(".")[0]) for p in paths]
-    columns = list(zip(*groups, strict=True)) if len(set(map(len, groups))) == 1 else []
-    rising = (column for column in reversed(columns) if _rises([int(text) for text in column]))
-    texts = next(rising, tuple(map(str, range(len(paths)))))
-    if all(_DATED.search(p.name) for p in paths) and len(texts[0]) in (6, 9, 14, 17):
+    folder = paths[0].parent
+    dated = all(_DATED.search(p.name) for p in paths)
+    numbers = counting([Path(_DATED.sub("", p.name)) for p in paths] if dated else paths)
+    if numbers is None and dated:
         raise DataError(
             f"The images' names, such as {paths[0].name}, are dates and times of day; give --times FILE with "
             "their stamps in seconds."
         )
-    tell("stamps", f"numbers of the images' names over {rate:g} a second", paths[0].parent)
-    numbers = [int(text) for text in texts]
+    if numbers is None:
+        raise DataError(
+            f"The names of the images in {folder}, from {paths[0].name} to {paths[-1].name}, have no numbers "
+            "that increase, and tell no order; number them, or give --times FILE with lines 'stamp,name'."
+        )
+    step = float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
+    for unit, power in list(UNITS.items())[1:]:
+        if abs(step * rate * 10.0**power - 1.0) < _NEAR:
+            tell("stamps", f"numbers of the images' names, in {unit} (they fit the rate so)", folder)
+            return np.asarray([(k - numbers[0]) * 10.0**power for k in numbers], dtype=np.float64)
+    tell("stamps", f"numbers of the images' names over {rate:g} a second", folder)
     return np.asarray([(k - numbers[0]) / rate for k in numbers], dtype=np.float64)
 
 
-_DATED = re.compile(r"(?:19|20)[0-9]{2}[01][0-9][0-3][0-9][-_T]?[0-2][0-9][0-5][0-9][0-5][0-9]")
-
-
-def _rises(numbers: list[int]) -> bool:
-    return all(b > a for a, b in itertools.pairwise(numbers))
+_DATED = re.compile(r"(?:19|20)[0-9]{2}[01][0-9][0-3][0-9][-_T]?[0-2][0-9][0-5][0-9][0-5][0-9][0-9]*")
+_NEAR = 0.15
+"""Share of a frame's interval by which numbers that are times may be off."""
 
 
 def stamps_in_names(paths: Sequence[Path]) -> Array | None:

@@ -6,14 +6,12 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from collabslam.datasets.images import depth_of
-from collabslam.datasets.ros.messages import deepest, image_of
+from collabslam.datasets.deep_range import RunningRange
+from collabslam.datasets.mosaic import mosaic_of
+from collabslam.datasets.ros.messages import extent_in, image_of, said_to_be_grey
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
 from collabslam.types import Image
-
-_MANY = 10
-"""Images among which the brightest one may be broken."""
 
 
 def rclpy_of() -> Any:
@@ -44,8 +42,8 @@ def image_kind(topic: str) -> str:
 class ImageTopic:
     """Images of a topic, one after the other.
 
-    Cameras put 10 or 12 bits into pixels of 16 and do not say so: the range is that of the largest value so
-    far; from the tenth image on but for the one brightest image, so that a broken pixel costs no more.
+    Cameras put 10 or 12 bits into pixels of 16 and do not say so: see `RunningRange`.  Whether they are
+    mosaics that do not say so, the first one tells.
 
     Attributes
     ----------
@@ -56,15 +54,17 @@ class ImageTopic:
 
     def __init__(self, name: str) -> None:
         self.name, self.kind = name, image_kind(name)
-        self._largest: list[int] = []
-        self._count = 0
+        self._range = RunningRange()
+        self._first = True
+        self._mosaic: int | None = None
 
     def stamped(self, data: bytes) -> tuple[float, Image, str]:
         """Stamp (seconds), image (H, W) uint8 and frame of a message in CDR; raises DataError."""
         message = messages.decoded(self.kind, data)
-        self._largest = sorted([*self._largest, deepest(message)])[-2:]
-        self._count += 1
-        image = image_of(message, self.name, depth_of(self._largest[0 if self._count >= _MANY else -1]))
+        if self._first:
+            grey = said_to_be_grey(message, self.name)
+            self._first, self._mosaic = False, mosaic_of([] if grey is None else [grey])
+        image = image_of(message, self.name, self._range.of(extent_in(message)), self._mosaic)
         return messages.stamp_of(message), image, str(message.header.frame_id)
 
 

@@ -137,7 +137,7 @@ def test_sixteen_bits_and_stated_ones(tmp_path: Path) -> None:
     np.testing.assert_array_equal(decode(pgm, "it"), (ten >> 2).astype(np.uint8))
     for k in range(130):
         (tmp_path / f"{k:03}.png").write_bytes(encoded(".png", full if k == 1 else ten))
-    images.used_bits.cache_clear()
+    images.used_range.cache_clear()
     np.testing.assert_array_equal(decode_grey(tmp_path / "002.png"), (ten >> 2).astype(np.uint8))
     white = np.minimum(full >> 2, 255).astype(np.uint8)  # one of many does not darken all others
     np.testing.assert_array_equal(decode_grey(tmp_path / "001.png"), white)

@@ -13,10 +13,11 @@ import pytest
 
 from collabslam.cli.main import main
 from collabslam.datasets import open_recording
+from collabslam.datasets.deep_range import Range, RunningRange, extent_of
 from collabslam.datasets.depth_image import MILLIMETRES
 from collabslam.datasets.gate import listening
 from collabslam.datasets.image_header import read_header
-from collabslam.datasets.images import decode, decode_grey, used_bits
+from collabslam.datasets.images import decode, decode_grey, used_range
 from collabslam.datasets.ros import messages
 from collabslam.datasets.ros.bag import Bag, BagImages
 from collabslam.errors import DataError
@@ -66,7 +67,7 @@ def test_deep_and_wide_pixels(name: str, big: int) -> None:
     kind = "u1" if name.startswith("8") else (">u2" if big else "<u2")
     values = np.repeat(grey[:, :, None], channels, axis=2).astype(kind)
     values = values if kind == "u1" else (values * 16).astype(kind)
-    found = messages.image_of(message(name, values.tobytes(), values.strides[0], big), "x", 12)
+    found = messages.image_of(message(name, values.tobytes(), values.strides[0], big), "x", Range(0, 12))
     inner = (slice(2, -2), slice(2, -2)) if "bayer" in name else (slice(None), slice(None))
     limit = 25 if "bayer" in name else 1  # neighbours are mixed
     assert np.abs(found[inner].astype(int) - grey[inner]).max() <= limit
@@ -109,7 +110,7 @@ def test_jpegs_and_tiffs_that_two_decoders_read_differently_are_none() -> None:
 
 
 def test_deep_files_and_deep_messages_have_one_range(tmp_path: Path) -> None:
-    used_bits.cache_clear()
+    used_range.cache_clear()
     shades = [(picture().astype(np.uint16) * 16) >> k for k in range(3)]
     for k, image in enumerate(shades):
         cv2.imwrite(str(tmp_path / f"{k}.png"), image)
@@ -125,7 +126,7 @@ def test_deep_files_and_deep_messages_have_one_range(tmp_path: Path) -> None:
 
 
 def test_one_broken_pixel_costs_one_image(tmp_path: Path) -> None:
-    used_bits.cache_clear()
+    used_range.cache_clear()
     shade = picture().astype(np.uint16) * 16
     broken = shade.copy()
     broken[3, 5] = 65535
@@ -141,14 +142,97 @@ def test_one_broken_pixel_costs_one_image(tmp_path: Path) -> None:
             np.testing.assert_array_equal(decode_grey(tmp_path / f"{k}.png"), expected)
 
 
+def thermal(k: int) -> Any:
+    """Counts of a thermal camera in 14 bits: a room spreads over 500 of them, and the sensor drifts."""
+    return (7000 + 2 * k + 500.0 / 255.0 * picture(k)).astype(np.uint16)
+
+
+def test_thermal_pictures_have_one_range_that_shows_them(tmp_path: Path) -> None:
+    for k in range(12):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), thermal(k))
+        cv2.imwrite(str(tmp_path / f"{k}.pgm"), thermal(k))  # which states 16 bits, whatever there is
+    rows = [("/raw", START + k, image16(thermal(k))) for k in range(12)]
+    rows += [("/raw/compressed", START + k, png(thermal(k))) for k in range(12)]
+    with Bag(bag(tmp_path / "bag", rows)) as opened, listening() as facts:
+        raw, packed = (BagImages(opened, topic) for topic in ("/raw", "/raw/compressed"))
+        seen = [raw.read(k) for k in range(12)]
+        assert all(np.ptp(image) > 100 for image in seen)
+        slopes = [np.polyfit(thermal(k).ravel(), seen[k].ravel(), 1) for k in range(12)]
+        np.testing.assert_allclose(slopes, np.tile(slopes[0], (12, 1)), rtol=0.02)  # one range for all
+        for k in range(12):
+            np.testing.assert_array_equal(packed.read(k), seen[k])
+            np.testing.assert_array_equal(decode_grey(tmp_path / f"{k}.png"), seen[k])
+            np.testing.assert_array_equal(decode_grey(tmp_path / f"{k}.pgm"), seen[k])
+    assert any(fact.what == "depth of pixels" and "bits above" in fact.value for fact in facts)
+
+
+def test_a_live_range_stays_as_long_as_it_holds() -> None:
+    running = RunningRange()
+    ranges = [running.of(extent_of(thermal(k))) for k in range(12)]
+    assert len(set(ranges)) <= 2
+    assert all(np.ptp(of.grey(thermal(k))) > 100 for k, of in enumerate(ranges))
+    hot = thermal(0)
+    hot[:, :32] += 3000
+    assert running.of(extent_of(hot)) == ranges[-1]  # one image alone may be broken
+    wide = running.of(extent_of(hot))
+    assert wide.holds(7000, 10000)
+
+
+# --- mosaics that do not say so ---------------------------------------------------------------
+
+
+def scene() -> Any:
+    """A coloured picture, (H, W, 3) BGR."""
+    rng = np.random.default_rng(4)
+    rough = rng.integers(20, 235, (6, 8, 3), dtype=np.uint8)
+    return cv2.resize(rough, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+
+
+def mosaic(colour: Any, green_first: bool) -> Any:
+    """What a sensor under rggb (or grbg) filters has of a picture."""
+    order = ((1, 2), (0, 1)) if green_first else ((2, 1), (1, 0))
+    out = np.empty((HEIGHT, WIDTH), np.uint8)
+    for row in range(2):
+        for column in range(2):
+            out[row::2, column::2] = colour[row::2, column::2, order[row][column]]
+    return out
+
+
+@pytest.mark.parametrize("green_first", [False, True])
+def test_a_mosaic_that_is_said_to_be_grey_is_known_by_its_neighbours(
+    tmp_path: Path, green_first: bool
+) -> None:
+    raw, wanted = mosaic(scene(), green_first), cv2.cvtColor(scene(), cv2.COLOR_BGR2GRAY).astype(float)
+    cv2.imwrite(str(tmp_path / "0.png"), raw)
+    rows = [("/raw", START, image(0, raw)), ("/raw/compressed", START, png(raw))]
+    with listening() as facts:
+        found = [decode_grey(tmp_path / "0.png")]
+        with Bag(bag(tmp_path / "bag", rows)) as opened:
+            found += [BagImages(opened, topic).read(0) for topic in ("/raw", "/raw/compressed")]
+    assert [fact.what for fact in facts].count("pixels") == 3
+    for one in found:
+        assert np.abs(one - wanted).mean() < 0.5 * np.abs(raw - wanted).mean()
+
+
+def test_what_is_grey_is_no_mosaic(tmp_path: Path) -> None:
+    grey = picture()
+    noise = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
+    lines = np.where(np.arange(HEIGHT)[:, None] % 2, noise, 255 - noise)  # an interlaced one
+    for k, one in enumerate((grey, noise, lines)):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        cv2.imwrite(str(folder / "0.png"), one)
+        np.testing.assert_array_equal(decode_grey(folder / "0.png"), one)
+
+
 def test_a_wrong_order_of_bytes_is_put_right() -> None:
     smooth = cv2.GaussianBlur(picture(), (0, 0), 3.0).astype(np.uint16) * 16
     for big in (0, 1):
         for order in ("<u2", ">u2"):
             message = image16(smooth.astype(order))
             message.is_bigendian = big
-            assert messages.deepest(message) == smooth.max()
-            np.testing.assert_array_equal(messages.image_of(message, "x", 12), smooth >> 4)
+            assert messages.extent_in(message).largest == smooth.max()
+            np.testing.assert_array_equal(messages.image_of(message, "x", Range(0, 12)), smooth >> 4)
 
 
 def test_depth_of_kilometres_is_in_millimetres() -> None:

@@ -140,6 +140,48 @@ def test_images_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     assert [p.stem for p in list_images(path)] == ["1.05", "1.1", "1.2"]
 
 
+def test_names_that_count_to_the_base_16_are_in_order(tmp_path: Path) -> None:
+    for k, form in enumerate(("frame_{:04x}.png", "{:x}.png", "IMG{:03X}.png")):
+        names = [form.format(n) for n in range(5, 40)]
+        path = folder(tmp_path / str(k), names)
+        recording = open_recording(path, camera=path / "camera.yaml")
+        assert [p.name for p in recording.paths] == names
+        np.testing.assert_allclose(recording.times, np.arange(35) / 20)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["one.png", "two.png", "three.png"],
+        ["3f9a.png", "a01c.png", "b7d0.png"],
+        ["0_9.png", "1_0.png", "x.png"],
+    ],
+    ids=["words", "hashes", "some without"],
+)
+def test_names_that_tell_no_order_are_refused(tmp_path: Path, names: list[str]) -> None:
+    path = folder(tmp_path / "a", names)
+    with pytest.raises(DataError, match="have no numbers that increase, and tell no order"):
+        open_recording(path, camera=path / "camera.yaml")
+    (tmp_path / "times").write_text("".join(f"{0.05 * k:.2f} {name}\n" for k, name in enumerate(names)))
+    recording = open_recording(path, camera=path / "camera.yaml", times=tmp_path / "times")
+    assert [p.name for p in recording.paths] == names
+
+
+def test_a_counter_that_ran_over_is_refused(tmp_path: Path) -> None:
+    names = [f"IMG_{(9990 + k) % 10000:04d}.JPG" for k in range(20)]
+    with pytest.raises(DataError, match=r"from IMG_9999.JPG to IMG_0000.JPG: IMG_9990.JPG is the first"):
+        list_images(folder(tmp_path / "a", names))
+
+
+@pytest.mark.parametrize("power", [3, 6, 9])
+def test_numbers_in_names_that_fit_the_rate_as_times_are_times(power: int) -> None:
+    names = [Path(f"{round(k * 10**power / 30):012d}.png") for k in range(8)]
+    np.testing.assert_allclose(times_at_rate(names, 30.0), np.arange(8) / 30, atol=6e-4)
+    np.testing.assert_allclose(
+        times_at_rate([Path(f"{5 * k}.png") for k in range(8)], 30.0), np.arange(8) / 6
+    )
+
+
 def test_stamps_in_names_hold_whatever_the_rate_says(tmp_path: Path) -> None:
     path = folder(tmp_path / "a", [f"{NS + 50_000_000 * k}.png" for k in range(12)], "rate: 30\n")
     with listening() as facts:

@@ -12,7 +12,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.gate import data_lines, tell
-from collabslam.datasets.images import natural
+from collabslam.datasets.image_names import natural
 from collabslam.datasets.poses import number_fields, rigid
 from collabslam.datasets.recording import ImageRecording, times_at_rate
 from collabslam.errors import DataError

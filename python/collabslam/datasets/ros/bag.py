@@ -12,8 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.datasets.deep_range import SAMPLED, common_range
 from collabslam.datasets.gate import tell
-from collabslam.datasets.images import SAMPLED, common_depth, natural
+from collabslam.datasets.image_names import natural
+from collabslam.datasets.mosaic import LOOKED_AT, MOSAIC_TOLD, mosaic_of
 from collabslam.datasets.ros import messages as m
 from collabslam.datasets.ros.bounded import bound_databases, bound_decompression, leave_qos_alone
 from collabslam.datasets.ros.cut_mcap import as_far_as_whole
@@ -287,16 +289,22 @@ class BagImages:
 
     def __init__(self, bag: Bag, topic: str) -> None:
         self._bag, self._topic = bag, topic
-        rows, largest = [], list[int]()
-        every = max(1, sum(t.messages for t in bag.topics if t.name == topic) // SAMPLED)
+        rows, extents, grey = [], [], []
+        count = sum(t.messages for t in bag.topics if t.name == topic)
+        every, seldom = (max(1, count // of) for of in (SAMPLED, LOOKED_AT))
         for k, (received, message) in enumerate(bag.messages(topic, *IMAGE_TYPES)):
             rows.append((_nanoseconds(message, received), received, k))
             if k % every == 0 or not m.is_compressed(message):
-                largest.append(m.deepest(message))
+                extents.append(m.extent_in(message))
+            if k % seldom == 0:
+                grey.append(m.said_to_be_grey(message, topic))
         rows.sort()
-        self._bits = common_depth(largest)
-        if any(largest):
-            tell("depth of pixels", f"{self._bits} bits, by the largest values of all", topic)
+        self._used = common_range(extents)
+        if any(extent.largest for extent in extents):
+            tell("depth of pixels", f"{self._used}, by the values of all", topic)
+        self._mosaic = mosaic_of([picture for picture in grey if picture is not None])
+        if self._mosaic is not None:
+            tell("pixels", MOSAIC_TOLD, topic)
         self.stamps = [stamp for stamp, _, _ in rows]
         tell("stamps", f"{len(rows)}, of the headers (of recording where one has none)", topic)
         self._received = [received for _, received, _ in rows]
@@ -305,7 +313,7 @@ class BagImages:
 
     def read(self, k: int) -> Image:
         """Image ``k`` in order of the stamps."""
-        return m.image_of(self._message(k), self._where(k), self._bits)
+        return m.image_of(self._message(k), self._where(k), self._used, self._mosaic)
 
     def read_depth(self, k: int, per_metre: float) -> Array:
         """Image ``k`` as a depth image, (H, W) metres; ``per_metre`` counts, if it counts."""

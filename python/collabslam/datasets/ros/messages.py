@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +12,9 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import of_keys
+from collabslam.datasets.deep_range import Extent, Range, extent_of
 from collabslam.datasets.gate import Keys
-from collabslam.datasets.images import decode, deep, largest_value, shallow
+from collabslam.datasets.images import decode, deep, extent, one_channel
 from collabslam.datasets.lens import model_of
 from collabslam.errors import DataError
 from collabslam.geometry import fixed_to_tangent, pose_from_quaternion, rounded_covariance
@@ -42,6 +44,8 @@ for _bits, _kind in (("8", "u1"), ("16", "u2")):
     _ENCODINGS |= {name + _bits: (1, _kind, code) for name, code in _MOSAICS.items()}
     _ENCODINGS |= {f"{_bits}uc{n}": _ENCODINGS[name + _bits] for n, name in ((3, "bgr"), (4, "bgra"))}
 """Channels, type of a sample and OpenCV's conversion to grey; nv12 begins with the rows of Y."""
+_GREY = ("mono8", "8uc1", "mono16", "16uc1")
+_ALL_BITS = Range(0, 16)
 _ROUGHER = 2.0
 """Times by which pictures are rougher in the wrong order of their bytes."""
 MOST_METRES = 200.0
@@ -108,16 +112,28 @@ def is_compressed(message: Any) -> bool:
     return not hasattr(message, "encoding")
 
 
-def deepest(message: Any) -> int:
-    """The largest value of a picture of more than 8 bits that does not state them; 0 of any other."""
+def extent_in(message: Any) -> Extent:
+    """The extent of a picture of more than 8 bits; its largest value is 0 of any other."""
     if is_compressed(message):
-        return largest_value(np.asarray(message.data, dtype=np.uint8).tobytes())
+        return extent(np.asarray(message.data, dtype=np.uint8).tobytes())
     _, kind, _ = _ENCODINGS.get(str(message.encoding).lower(), (0, "u1", None))
     if kind == "u1":
-        return 0
+        return Extent(0, 0, 0)
     data = np.asarray(message.data, dtype=np.uint8).ravel()
-    samples = _in_order(data[: data.size // 2 * 2].view(">u2" if message.is_bigendian else "<u2"))
-    return int(samples.max(initial=0))
+    return extent_of(_in_order(data[: data.size // 2 * 2].view(">u2" if message.is_bigendian else "<u2")))
+
+
+def said_to_be_grey(message: Any, where: str) -> np.ndarray | None:
+    """The samples (H, W) of a picture that is said to be grey; None of any other, or a broken one."""
+    encoding = str(message.format if is_compressed(message) else message.encoding).lower()
+    if is_compressed(message):
+        known = encoding.startswith("bayer") or "compresseddepth" in encoding
+        return None if known else one_channel(np.asarray(message.data, dtype=np.uint8).tobytes())
+    if encoding not in _GREY:
+        return None
+    with suppress(DataError):
+        return np.asarray(_samples(message, 1, _ENCODINGS[encoding][1], where))
+    return None
 
 
 def _in_order(samples: np.ndarray) -> np.ndarray:
@@ -183,7 +199,7 @@ def _compressed_depth(message: Any, where: str, per_metre: float) -> Array:
         return np.where(counts > 0, slope / (counts - offset), np.nan)
 
 
-def image_of(message: Any, where: str, bits: int = 16) -> Image:
+def image_of(message: Any, where: str, used: Range | None = None, mosaic: int | None = None) -> Image:
     """(H, W) uint8 grey image of an Image or CompressedImage.
 
     Parameters
@@ -191,8 +207,10 @@ def image_of(message: Any, where: str, bits: int = 16) -> Image:
     message
     where : str
         What to call it in an error.
-    bits : int
-        That a picture of more than 8 bits a sample uses.
+    used : Range, optional
+        Of the values of a picture of more than 8 bits.
+    mosaic : int, optional
+        OpenCV's conversion of a Bayer pattern to grey, if a picture that is said to be grey is one.
 
     Raises
     ------
@@ -202,7 +220,7 @@ def image_of(message: Any, where: str, bits: int = 16) -> Image:
     if is_compressed(message):
         pattern = str(message.format).lower().split(";")[0].strip().rstrip("168")
         data = np.asarray(message.data, dtype=np.uint8).tobytes()
-        return decode(data, where, bits=bits, mosaic=_MOSAICS.get(pattern))
+        return decode(data, where, deep=used, mosaic=_MOSAICS.get(pattern, mosaic))
     encoding = str(message.encoding).lower()
     if encoding not in _ENCODINGS:
         known = ", ".join(_ENCODINGS)
@@ -210,8 +228,9 @@ def image_of(message: Any, where: str, bits: int = 16) -> Image:
     channels, kind, conversion = _ENCODINGS[encoding]
     pixels = _samples(message, channels, kind, where)
     pixels = _in_order(pixels) if kind == "u2" else pixels
+    conversion = mosaic if encoding in _GREY else conversion
     grey = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
-    return shallow(np.ascontiguousarray(grey), bits)
+    return (used or _ALL_BITS).grey(np.ascontiguousarray(grey))
 
 
 def _samples(message: Any, channels: int, kind: str, where: str) -> Any:

@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from collabslam import geometry as g
 from collabslam.cli import main as cli
 from collabslam.datasets import open_recording
+from collabslam.datasets.deep_range import Range
 from collabslam.datasets.ros import bounded, messages
 from collabslam.datasets.ros.bag import Bag
 from collabslam.errors import DataError, SettingsError
@@ -380,6 +381,6 @@ def test_twelve_bits_of_a_bag_keep_their_brightness() -> None:
     data = np.frombuffer(deep.astype("<u2").tobytes(), np.uint8)
     size = {"height": HEIGHT, "width": WIDTH, "step": 2 * WIDTH}
     message = SimpleNamespace(encoding="mono16", is_bigendian=0, data=data, **size)
-    assert messages.deepest(message) == deep.max()
-    np.testing.assert_array_equal(messages.image_of(message, "it", 12), IMAGES[0])
-    np.testing.assert_array_equal(messages.image_of(message, "it", 10), np.minimum(deep >> 2, 255))
+    assert messages.extent_in(message).largest == deep.max()
+    np.testing.assert_array_equal(messages.image_of(message, "it", Range(0, 12)), IMAGES[0])
+    np.testing.assert_array_equal(messages.image_of(message, "it", Range(0, 10)), np.minimum(deep >> 2, 255))

@@ -1,0 +1,48 @@
+"""Whether grey pictures are Bayer mosaics that do not say so, as raw pictures of many cameras are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+LOOKED_AT = 8
+"""Pictures of a recording that are looked at."""
+_ROUGHER = 1.25
+"""Times by which neighbours in a mosaic differ more than pixels two apart, along rows and columns.
+
+Of 15 recordings the roughest picture has 0.71, noise without any picture 1.0.
+"""
+_LEAST = 1.0
+"""Grey levels by which neighbours differ at least: a picture that is blank tells nothing."""
+MOSAIC_TOLD = "a Bayer mosaic, by how neighbours differ; made grey as such"
+_GREEN_FIRST, _GREEN_SECOND = cv2.COLOR_BayerGB2GRAY, cv2.COLOR_BayerBG2GRAY
+"""Of grbg and gbrg, whose first pixel is green, and of rggb and bggr; in grey each is nearly the other."""
+
+
+def mosaic_of(pictures: Sequence[np.ndarray]) -> int | None:
+    """OpenCV's conversion to grey of the mosaic that most of the pictures are; None if they are none.
+
+    Parameters
+    ----------
+    pictures : sequence of (H, W) arrays
+    """
+    first = [green for picture in pictures if (green := _green_is_first(picture)) is not None]
+    if 2 * len(first) <= len(pictures):
+        return None
+    return _GREEN_FIRST if 2 * sum(first) > len(first) else _GREEN_SECOND
+
+
+def _green_is_first(picture: np.ndarray) -> bool | None:
+    """Whether the first pixel of a mosaic is a green one; None of any other picture."""
+    values = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2].astype(np.float32)
+    if min(values.shape) < 4:
+        return None
+    for along in (values, values.T):
+        near, far = (float(np.abs(along[:, k:] - along[:, :-k]).mean()) for k in (1, 2))
+        if near < _LEAST or near <= _ROUGHER * far:
+            return None
+    main = np.abs(values[::2, ::2] - values[1::2, 1::2]).mean()
+    other = np.abs(values[::2, 1::2] - values[1::2, ::2]).mean()
+    return bool(main < other)
