@@ -14,6 +14,7 @@ from collabslam import geometry as g
 from collabslam._core import Camera
 from collabslam.datasets import load_camera, open_recording, write_recording
 from collabslam.datasets.poses import interpolate_track
+from collabslam.datasets.readers import video
 from collabslam.datasets.recording import ImageRecording, times_at_rate
 from collabslam.errors import DataError, InputError
 from collabslam.types import Frame, WornView
@@ -596,6 +597,20 @@ def test_kitti_odometry(tmp_path: Path, left: str, right: str, first: int) -> No
     np.testing.assert_allclose(recording.rig.t_cf[:3, 3], [0.54, 0, 0], atol=1e-12)
     expected = some_pose(2) @ g.pose(np.eye(3), [-offsets[first], 0, 0])
     np.testing.assert_allclose(recording.truth[2], expected, atol=1e-9)
+
+
+def test_frames_of_a_video_are_the_same_in_any_order_and_are_sought(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 20.0, (32, 24))
+    for k in range(300):
+        writer.write(np.full((24, 32, 3), 20 + 7 * k % 200, np.uint8))
+    writer.release()
+    film = video.Video(path)
+    expected = [film.read(k) for k in range(300)]
+    for k in (290, 120, 250, 249, 0, 299, 5):
+        np.testing.assert_array_equal(film.read(k), expected[k])
+    film._seek(200)
+    assert 100 < film._next <= 200
 
 
 def test_video(tmp_path: Path) -> None:
