@@ -86,10 +86,8 @@ def test_the_doctor_names_the_fault(
     assert all(s.endswith((".", "; see the next lines.")) for s in sentences)
 
 
-def test_the_doctor_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run(tmp_path / "run", many(nis=210))
-    assert cli.main(["doctor", str(tmp_path / "run")]) == 0
-    assert capsys.readouterr().out.startswith("- The innovations are 3.0 times")
+def test_the_doctor_has_something_to_say_of_any_run(tmp_path: Path) -> None:
+    assert run(tmp_path / "run", many(nis=210))[0].startswith("The innovations are 3.0 times")
     assert cli.main(["doctor", str(tmp_path)]) == 2
     assert run(tmp_path / "empty", []) == ["The run has no frames: nothing was estimated."]
 

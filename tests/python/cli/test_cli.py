@@ -138,6 +138,42 @@ def test_a_summary_that_was_changed_by_hand_is_refused_or_told(tmp_path: Path) -
         read_run(tmp_path / "run")
 
 
+def test_the_doctor_says_by_its_status_what_a_folder_is_worth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    runner.run(Walk(), slam=FakeSlam(Walk()), out=folder)
+    summary, frames = folder / "summary.json", folder / "frames.csv"
+    good, rows = json.loads(summary.read_text()), frames.read_text().splitlines()
+
+    def doctor(told: dict[str, object] | None, lines: list[str]) -> tuple[int, str]:
+        summary.unlink(missing_ok=True)
+        if told is not None:
+            summary.write_text(json.dumps(told))
+        frames.write_text("\n".join(lines))
+        status = cli.main(["doctor", str(folder)])
+        said = capsys.readouterr()
+        return status, said.out + said.err
+
+    assert doctor(good, rows)[0] == 0
+    assert doctor({**good, "status_final": "LOST"}, rows)[0] == 1
+    status, said = doctor({**good, "interrupted": True, "ended_by": "Ctrl-C"}, rows)
+    assert (status, "ended before its recording did (Ctrl-C)" in said) == (1, True)
+    damaged = [row.replace(",", ",x", 1) for row in rows]
+    for told, lines, words in (
+        (None, rows, "it was killed, or goes on"),
+        (good, rows[:5], "has 4 frames, summary.json tells of"),
+        (good, rows[:1], "has no frames"),
+        (good, [], "has no frames"),
+        ({}, rows, "holds nothing of a run"),
+        ({**good, "worn": 3}, rows, "run the recording again"),
+        (good, [rows[0], *damaged[1:]], "is damaged"),
+    ):
+        status, said = doctor(told, lines)
+        assert status == 2, said
+        assert words in said
+
+
 def test_a_run_without_truth_says_what_it_knows(tmp_path: Path) -> None:
     walk = Walk()
     walk.truth = None
