@@ -40,7 +40,19 @@ impl Told<'_> {
         i: usize,
         j: usize,
     ) -> SMatrix<f64, R, C> {
-        SMatrix::from_fn(|r, c| self.get(i + r, j + c))
+        let p = &self.state.p;
+        let mut lasting = SMatrix::<f64, R, C>::repeat(-0.0);
+        for k in self.modes.clone() {
+            // Each row's part of a mode is looked up once, not for each entry; every entry is summed as `get` does.
+            let rows: [f64; R] = std::array::from_fn(|r| p.get(i + r, k));
+            let columns: [f64; C] = std::array::from_fn(|c| p.get(j + c, k));
+            for (mut column, by) in lasting.column_iter_mut().zip(columns) {
+                for (sum, row) in column.iter_mut().zip(rows) {
+                    *sum += row * by;
+                }
+            }
+        }
+        SMatrix::from_fn(|r, c| p.get(i + r, j + c) + lasting[(r, c)])
     }
 
     /// 6x6 covariance of the camera's pose, (translation, rotation), right tangent (METHOD 1).

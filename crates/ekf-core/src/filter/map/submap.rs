@@ -208,11 +208,19 @@ struct VisibleLandmark {
     point: Vector3<f64>,
     by_pose: SMatrix<f64, 3, POSE_DIM>,
     by_feature: SMatrix<f64, 3, FEATURE_DIM>,
+    /// Covariance of the camera's pose with the feature.
+    to_feature: SMatrix<f64, POSE_DIM, FEATURE_DIM>,
+    /// Covariance of the point with the camera's pose.
+    with_pose: SMatrix<f64, 3, POSE_DIM>,
 }
 
 impl VisibleLandmark {
-    /// `None` of a feature whose range is hardly known.
-    fn of(state: &State, block: &Block) -> Option<Self> {
+    /// `None` of a feature whose range is hardly known; `camera_covariance` is that of the camera's pose.
+    fn of(
+        state: &State,
+        block: &Block,
+        camera_covariance: &SMatrix<f64, POSE_DIM, POSE_DIM>,
+    ) -> Option<Self> {
         let (camera, feature) = (state.camera_pose(), state.feature(block));
         let ray = feature.point()? - camera.r;
         let r_cw = quat::rotation(&camera.q).transpose();
@@ -221,12 +229,16 @@ impl VisibleLandmark {
         by_pose
             .fixed_view_mut::<3, 4>(0, 3)
             .copy_from(&quat::rotate_inverse_jacobian(&camera.q, &ray));
+        let by_feature = r_cw * feature.point_jacobian();
+        let to_feature = state.told().block::<POSE_DIM, FEATURE_DIM>(0, block.offset);
         let seen = Self {
             id: block.id,
             offset: block.offset,
             point: r_cw * ray,
             by_pose,
-            by_feature: r_cw * feature.point_jacobian(),
+            by_feature,
+            to_feature,
+            with_pose: by_pose * camera_covariance + by_feature * to_feature.transpose(),
         };
         let p = seen.with(state, &seen);
         let variance = (seen.point.transpose() * p * seen.point)[(0, 0)].max(0.0);
@@ -235,13 +247,11 @@ impl VisibleLandmark {
 
     /// Covariance with another one.
     fn with(&self, state: &State, other: &Self) -> SMatrix<f64, 3, 3> {
-        let p = state.told();
-        let to_feature = |seen: &Self| p.block::<POSE_DIM, FEATURE_DIM>(0, seen.offset);
-        let own = p.block::<FEATURE_DIM, FEATURE_DIM>(self.offset, other.offset);
-        let camera = p.block::<POSE_DIM, POSE_DIM>(0, 0);
-        (self.by_pose * camera + self.by_feature * to_feature(self).transpose())
-            * other.by_pose.transpose()
-            + (self.by_pose * to_feature(other) + self.by_feature * own)
+        let own = state
+            .told()
+            .block::<FEATURE_DIM, FEATURE_DIM>(self.offset, other.offset);
+        self.with_pose * other.by_pose.transpose()
+            + (self.by_pose * other.to_feature + self.by_feature * own)
                 * other.by_feature.transpose()
     }
 }
@@ -249,8 +259,9 @@ impl VisibleLandmark {
 /// Takes down the landmarks among `seen`, and their covariance with the numbers at `transferred`.
 fn take_down(state: &State, seen: &[u64], transferred: &[usize], submap: &mut Submap) {
     let blocks = seen.iter().filter_map(|&id| state.layout.find(id));
+    let camera = state.told().block::<POSE_DIM, POSE_DIM>(0, 0);
     let landmarks: Vec<VisibleLandmark> = blocks
-        .filter_map(|b| VisibleLandmark::of(state, b))
+        .filter_map(|b| VisibleLandmark::of(state, b, &camera))
         .collect();
     let n = landmarks.len();
     submap.ids = landmarks.iter().map(|l| l.id).collect();
