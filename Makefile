@@ -11,7 +11,7 @@ CRATES = $(shell ls -d $(CARGO_HOME)/registry/src/* 2> /dev/null)
 GIVEN := $(RUSTFLAGS)
 export RUSTFLAGS = $(GIVEN) --remap-path-prefix=$(CURDIR)=. $(CRATES:%=--remap-path-prefix=%=crates)
 
-.PHONY: demo quick test test-live check docs wheel wheel-twice bench bench-frames reliability mutants audit clean
+.PHONY: demo quick test test-live check docs wheel wheel-arm64 wheel-twice bench bench-frames reliability mutants audit clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf. It installs what users do, 400 MB.
 demo: $(VENV)/.core
@@ -85,6 +85,15 @@ wheel: $(VENV)/.installed $(VENV)/.fetched
 	$(BIN)/pip install --quiet 'maturin[zig]>=1.9,<2'
 	rm -f dist/*.whl
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --out dist $(MANYLINUX)
+
+# The same for arm64, made and started on another machine: the compiler needs that target (rustup target add), and Debian's
+# qemu-user-static runs it, in a folder, with Debian's arm64 Python. The poses must be those of this machine.
+ARM64 := aarch64-unknown-linux-gnu
+wheel-arm64: $(VENV)/.core
+	$(BIN)/pip install --quiet 'maturin[zig]>=1.9,<2'
+	rm -f dist/arm64/*.whl
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --out dist/arm64 $(MANYLINUX) --target $(ARM64)
+	$(BIN)/python packaging/try_arm64.py dist/arm64
 
 # The wheel of the last commit, made in two folders, and whether both are the same to the byte. Two builds: minutes.
 SAME_VENV = VENV=$(abspath $(VENV)) --old-file $(abspath $(VENV))/.installed --old-file $(abspath $(VENV))/.fetched

@@ -4,60 +4,9 @@ ros2 launch collabslam_ros worn.launch.py cs:=/robot/image_raw cs_info:=/robot/c
     cf:=/glasses/image/compressed cf_info:=/glasses/camera_info t_cf:=/t_cf
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
-
-ARGUMENTS = {
-    "cs": ("/camera/image_raw", "images of Cs, the robot's camera"),
-    "cs_info": ("/camera/camera_info", "their CameraInfo"),
-    "cf": ("/glasses/image/compressed", "images of Cf, the worn camera"),
-    "cf_info": ("/glasses/camera_info", "their CameraInfo"),
-    "t_cf": ("/t_cf", "T_CF: a topic of PoseWithCovarianceStamped, /tf, or sensors:FILE"),
-    "t_cf_sd": ("", "with /tf: its standard deviations, METRES,DEGREES"),
-    "base": ("", "where Cs sits on base_link: X,Y,Z[,R,P,Y], or tf:base_link:camera_optical"),
-    "odometry": ("", "the robot's odometry, nav_msgs/Odometry"),
-    "twist": ("", "the same as TwistWithCovarianceStamped"),
-    "gyro": ("", "its gyroscope, sensor_msgs/Imu"),
-    "map": ("", "a map to start in"),
-    "save_map": ("collabslam.map", "where the service save_map writes it"),
-    "tf": ("all", "links that are sent: all, map (the wheels' node sends odom -> base_link), none"),
-}
+from collabslam_ros.launching import ROBOT, WORN, node_with
 
 
 def generate_launch_description():
-    """The node: topics and files are arguments here, settings are in the file of parameters."""
-    share = FindPackageShare("collabslam_ros")
-    given = {name: ParameterValue(LaunchConfiguration(name), value_type=str) for name in ARGUMENTS}
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(name, default_value=default, description=text)
-            for name, (default, text) in ARGUMENTS.items()
-        ]
-        + [
-            DeclareLaunchArgument("parameters", default_value=[share, "/config/collabslam.yaml"]),
-            DeclareLaunchArgument("rviz", default_value="false", description="true opens RViz"),
-            Node(
-                package="collabslam_ros",
-                executable="collabslam_node",
-                name="collabslam",
-                output="screen",
-                parameters=[LaunchConfiguration("parameters"), given],
-            ),
-            _rviz(share),
-        ]
-    )
-
-
-def _rviz(share):
-    from launch.conditions import IfCondition
-
-    return Node(
-        package="rviz2",
-        executable="rviz2",
-        arguments=["-d", [share, "/rviz/collabslam.rviz"]],
-        condition=IfCondition(LaunchConfiguration("rviz")),
-    )
+    """What ``ros2 launch`` starts."""
+    return node_with({**ROBOT, **WORN})

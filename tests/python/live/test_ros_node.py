@@ -359,14 +359,16 @@ def test_the_parameters_are_the_options_and_the_settings() -> None:
 def test_what_the_package_names_is_there() -> None:
     """Arguments of launch files are parameters; views show topics that the node publishes."""
     package = PARAMETERS.parents[1]
-    for path in sorted((package / "launch").glob("*.py")):
-        tree = ast.parse(path.read_text())
-        (named,) = (
-            n.value for n in tree.body if isinstance(n, ast.Assign) and n.targets[0].id == "ARGUMENTS"
-        )
-        given = ast.literal_eval(named)
+    tree = ast.parse((package / "collabslam_ros" / "launching.py").read_text())
+    tables = {n.target.id: n.value for n in tree.body if isinstance(n, ast.AnnAssign)}  # type: ignore[union-attr]
+    robot, worn = (ast.literal_eval(tables[name]) for name in ("ROBOT", "WORN"))  # type: ignore[arg-type]
+    for given in (robot, {**robot, **worn}):
         assert given.keys() <= ros_parameters.options().keys()
         ros_parameters.arguments_of({name: value for name, (value, _) in given.items()})
+    for path in sorted((package / "launch").glob("*.py")):
+        (brought,) = (n for n in ast.parse(path.read_text()).body if isinstance(n, ast.ImportFrom))
+        assert brought.module == "collabslam_ros.launching"
+        assert {name.name for name in brought.names} <= {*tables, "node_with"}
     topics = {f"/collabslam/{name}" for name in (*KINDS, WORN_POSE)}
     for path in (package / "rviz" / "collabslam.rviz", package / "foxglove" / "collabslam.json"):
         yaml.safe_load(path.read_text())  # JSON is YAML

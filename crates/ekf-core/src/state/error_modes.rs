@@ -26,6 +26,12 @@ pub(crate) struct Told<'a> {
     modes: Range<usize>,
 }
 
+/// Rows of the state, and their part in each mode.
+pub(crate) struct Rows<const R: usize> {
+    pub(crate) from: usize,
+    parts: Vec<[f64; R]>,
+}
+
 impl Told<'_> {
     /// One entry.
     pub(crate) fn get(&self, i: usize, j: usize) -> f64 {
@@ -41,18 +47,53 @@ impl Told<'_> {
         j: usize,
     ) -> SMatrix<f64, R, C> {
         let p = &self.state.p;
-        let mut lasting = SMatrix::<f64, R, C>::repeat(-0.0);
-        for k in self.modes.clone() {
-            // Each row's part of a mode is looked up once, not for each entry; every entry is summed as `get` does.
-            let rows: [f64; R] = std::array::from_fn(|r| p.get(i + r, k));
-            let columns: [f64; C] = std::array::from_fn(|c| p.get(j + c, k));
-            for (mut column, by) in lasting.column_iter_mut().zip(columns) {
-                for (sum, row) in column.iter_mut().zip(rows) {
+        let parts = self.modes.clone().map(|k| {
+            let rows = std::array::from_fn(|r| p.get(i + r, k));
+            (rows, std::array::from_fn(|c| p.get(j + c, k)))
+        });
+        self.with_modes(i, j, parts)
+    }
+
+    /// `R` rows of the state from `i` on with their part in each mode, to be read against many others.
+    pub(crate) fn rows<const R: usize>(&self, i: usize) -> Rows<R> {
+        let p = &self.state.p;
+        let parts = |k| std::array::from_fn(|r| p.get(i + r, k));
+        Rows {
+            from: i,
+            parts: self.modes.clone().map(parts).collect(),
+        }
+    }
+
+    /// The block of these rows and columns.
+    pub(crate) fn between<const R: usize, const C: usize>(
+        &self,
+        rows: &Rows<R>,
+        columns: &Rows<C>,
+    ) -> SMatrix<f64, R, C> {
+        let parts = rows
+            .parts
+            .iter()
+            .copied()
+            .zip(columns.parts.iter().copied());
+        self.with_modes(rows.from, columns.from, parts)
+    }
+
+    /// The block at `(i, j)`, given the part of its rows and of its columns in each mode; each entry is summed as `get` does.
+    fn with_modes<const R: usize, const C: usize>(
+        &self,
+        i: usize,
+        j: usize,
+        parts: impl Iterator<Item = ([f64; R], [f64; C])>,
+    ) -> SMatrix<f64, R, C> {
+        let mut time_correlated = SMatrix::<f64, R, C>::repeat(-0.0);
+        for (rows, columns) in parts {
+            for (mut sums, by) in time_correlated.column_iter_mut().zip(columns) {
+                for (sum, row) in sums.iter_mut().zip(rows) {
                     *sum += row * by;
                 }
             }
         }
-        SMatrix::from_fn(|r, c| p.get(i + r, j + c) + lasting[(r, c)])
+        SMatrix::from_fn(|r, c| self.state.p.get(i + r, j + c) + time_correlated[(r, c)])
     }
 
     /// 6x6 covariance of the camera's pose, (translation, rotation), right tangent (METHOD 1).

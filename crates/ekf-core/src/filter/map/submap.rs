@@ -12,7 +12,7 @@ use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
 use crate::observe::{FEATURE_DIM, POSE_DIM};
 use crate::scale::by_state;
-use crate::state::{Block, BlockKind, LinearPart, State, transferred_dim};
+use crate::state::{Block, BlockKind, LinearPart, Rows, State, transferred_dim};
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector3};
 
 /// Largest relative error of a landmark's range with which it is taken down, or helps to find the camera.
@@ -204,7 +204,7 @@ fn edge(state: &State, then: &Block, transferred: &[usize]) -> Edge {
 /// A landmark's point from the camera, and its derivatives by the camera's pose and by the feature.
 struct VisibleLandmark {
     id: u64,
-    offset: usize,
+    rows: Rows<FEATURE_DIM>,
     point: Vector3<f64>,
     by_pose: SMatrix<f64, 3, POSE_DIM>,
     by_feature: SMatrix<f64, 3, FEATURE_DIM>,
@@ -233,7 +233,7 @@ impl VisibleLandmark {
         let to_feature = state.told().block::<POSE_DIM, FEATURE_DIM>(0, block.offset);
         let seen = Self {
             id: block.id,
-            offset: block.offset,
+            rows: state.told().rows(block.offset),
             point: r_cw * ray,
             by_pose,
             by_feature,
@@ -247,9 +247,7 @@ impl VisibleLandmark {
 
     /// Covariance with another one.
     fn with(&self, state: &State, other: &Self) -> SMatrix<f64, 3, 3> {
-        let own = state
-            .told()
-            .block::<FEATURE_DIM, FEATURE_DIM>(self.offset, other.offset);
+        let own = state.told().between(&self.rows, &other.rows);
         self.with_pose * other.by_pose.transpose()
             + (self.by_pose * other.to_feature + self.by_feature * own)
                 * other.by_feature.transpose()
@@ -285,7 +283,7 @@ fn take_down(state: &State, seen: &[u64], transferred: &[usize], submap: &mut Su
                 .copy_from(&block.transpose());
         }
         for (c, &at) in transferred.iter().enumerate() {
-            let feature = SVector::<f64, FEATURE_DIM>::from_fn(|r, _| p.get(one.offset + r, at));
+            let feature = SVector::<f64, FEATURE_DIM>::from_fn(|r, _| p.get(one.rows.from + r, at));
             let pose = SVector::<f64, POSE_DIM>::from_fn(|r, _| p.get(r, at));
             submap
                 .with_transferred
