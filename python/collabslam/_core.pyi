@@ -2548,7 +2548,9 @@ class ProcessSettings:
         """The same of its angular acceleration."""
     @property
     def start_velocity_sd(self) -> float:
-        """Standard deviation of each component of the velocity at the start."""
+        """Standard deviation of each component of the velocity at the start; ten times the median
+        range a second at most.
+        """
     @property
     def start_angular_velocity_sd(self) -> float:
         """Standard deviation of each component of the angular velocity at the start."""

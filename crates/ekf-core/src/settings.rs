@@ -123,7 +123,7 @@ macro_rules! filter_settings {
         /// The same of its angular acceleration.
         angular_acceleration_density: f64 = 2.0, "rad/s^1.5", Some(0.0), Some(1e3),
             User("Raise it where the camera is turned abruptly; lower it on a mount that turns smoothly.");
-        /// Standard deviation of each component of the velocity at the start.
+        /// Standard deviation of each component of the velocity at the start; ten times the median range a second at most.
         start_velocity_sd: f64 = 10.0, "m/s", Some(0.0), Some(1e3),
             User("Lower it where the camera starts slowly or at rest, which makes the first searches smaller.");
         /// Standard deviation of each component of the angular velocity at the start.

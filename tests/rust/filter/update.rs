@@ -3,10 +3,10 @@
 use crate::scene::{DT, Scene, Warm, name, settings, warm};
 use ekf_core::birth::two_view::TwoView;
 use ekf_core::observe::{PointInCamera, Rows};
-use ekf_core::settings::Value;
+use ekf_core::settings::{Settings, Value};
 use ekf_core::state::{BlockKind, ErrorOwner};
 use ekf_core::{
-    DepthObservation, EkfError, Filter, MeasurementOutcome, Measurements, UpdateReport,
+    Bearing, DepthObservation, EkfError, Filter, MeasurementOutcome, Measurements, UpdateReport,
     WornObservation,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector4, Vector6};
@@ -821,4 +821,47 @@ fn the_worn_error_stays_for_one_frame_only() {
             .count(),
         0
     );
+}
+
+/// Points of known place at a range from a camera that then goes a tenth of that to the side; whether the next frame is used,
+/// and the sd of its speed along x before.
+fn starts_at(range: f64) -> (bool, f64) {
+    let camera = crate::scene::camera();
+    let mut filter = Filter::new(Settings::default(), camera.clone(), None);
+    filter.predict(0.0).expect("first frame");
+    let points: Vec<_> = (0..16)
+        .map(|i| Vector3::new(0.1 * f64::from(i % 4 - 1), 0.1 * f64::from(i / 4 - 1), 1.0) * range)
+        .collect();
+    let noise = vec![Matrix3::identity() * (1e-3 * range).powi(2); points.len()];
+    let shared = vec![SMatrix::<f64, 3, 6>::zeros(); points.len()];
+    let ids = filter
+        .start_from_points(&points, &noise, &shared, &Matrix6::identity())
+        .expect("good points");
+    let speed = filter.pose_and_twist_covariance()[(6, 6)].sqrt();
+    filter.predict(0.1).expect("time goes on");
+    let moved = Vector3::new(0.1 * range, 0.0, 0.0);
+    let bearings = ids.iter().zip(&points).map(|(&id, point)| Bearing {
+        id,
+        uv: camera.project(&(point - moved)).expect("in view"),
+    });
+    let z = Measurements {
+        searched: ids.clone(),
+        bearings: bearings.collect(),
+        min_inliers: 8,
+        ..Measurements::default()
+    };
+    (
+        filter.update(&z).expect("good measurements").accepted,
+        speed,
+    )
+}
+
+#[test]
+fn a_start_before_a_near_scene_goes_on_in_the_next_frame() {
+    let (used, speed) = starts_at(0.2);
+    assert!(used, "20 cm away");
+    assert!((2.0..2.1).contains(&speed), "{speed}");
+    let (used, speed) = starts_at(5.0);
+    assert!(used, "5 m away");
+    assert!((speed - 10.0).abs() < 1e-9, "{speed}");
 }

@@ -170,6 +170,22 @@ impl Filter {
     /// range of the landmarks of known depth, as seen from the camera, and as much. So anything from
     /// infinity to that median is within one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
     pub(crate) fn vague_depth(&self) -> VagueDepth {
+        match self.median_landmark() {
+            Some((median, id)) => VagueDepth {
+                rho: 0.5 * median,
+                sd: 0.5 * median,
+                half_of: Some(id),
+            },
+            None => VagueDepth {
+                rho: VAGUE_RHO,
+                sd: VAGUE_RHO_SD,
+                half_of: None,
+            },
+        }
+    }
+
+    /// The landmark of known depth with the median inverse range from the camera, and that, 1/m; `None` where too few are known.
+    pub(crate) fn median_landmark(&self) -> Option<(f64, u64)> {
         let largest = self.setup.settings.birth.max_rho_ratio;
         let camera = self.memory.state.camera_pose().r;
         let known = self.landmarks().into_iter();
@@ -177,19 +193,10 @@ impl Filter {
         let known = known.map(|l| (1.0 / (l.point - camera).norm(), l.id));
         let mut known: Vec<(f64, u64)> = known.filter(|(rho, _)| rho.is_finite()).collect();
         if known.len() < self.setup.settings.lost.min_matches {
-            return VagueDepth {
-                rho: VAGUE_RHO,
-                sd: VAGUE_RHO_SD,
-                half_of: None,
-            };
+            return None;
         }
         known.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let (median, id) = known[known.len() / 2];
-        VagueDepth {
-            rho: 0.5 * median,
-            sd: 0.5 * median,
-            half_of: Some(id),
-        }
+        Some(known[known.len() / 2])
     }
 
     /// The landmark that a vague depth is taken from: its offset in the state, and the derivatives of its range.
