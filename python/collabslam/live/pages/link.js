@@ -79,9 +79,9 @@ function picture(data) {
 // Names of facts in the order in which they are shown: what stands for them, their unit, and how many of it a one is; others come after.
 const NAMES = [
   ["images sent", "images sent"],
-  ["age median ms", "age of its images", "ms"], ["last image s", "its last image", "s ago"], ["ms", "work in a frame", "ms"],
+  ["age median ms", "age of its images", "ms"], ["last image s", "its last image", "s ago"], ["ms", "time for a frame", "ms"],
   ["link", "worn camera"], ["started", "map begun"], ["metric", "lengths in metres"],
-  ["position sd m", "position, 1 sd", "m"], ["attitude sd deg", "attitude, 1 sd", "°"], ["scale sd", "scale, 1 sd", "%", 100],
+  ["position sd m", "position uncertainty, 1 sd", "m"], ["attitude sd deg", "attitude uncertainty, 1 sd", "°"], ["scale sd", "scale uncertainty, 1 sd", "%", 100],
   ["accepted", "features used"], ["map size", "features in the map"], ["cf matches", "matches with the worn camera"],
   ["used", "its views used"], ["images", "its images received"], ["clock drift ppm", "drift of its clock", "ppm"],
 ];

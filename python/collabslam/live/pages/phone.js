@@ -86,7 +86,7 @@ function take(message, from) {
 
 function tell(said) {
   waits = said["waits for"] || "";
-  const own = Object.entries(said).filter(([name]) => shown.has(name) || name.includes(":"));
+  const own = Object.entries(said).filter(([name]) => shown.has(name) || (started && name.includes(":")));
   facts({ ...(started ? { "images sent": sent } : {}), ...Object.fromEntries(own) });
 }
 
