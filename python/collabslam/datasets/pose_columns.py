@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from collabslam.errors import DataError
+
 HEADER = 5
 """Lines at the beginning of a file that may name its columns."""
+_DEGREES = re.compile(r"(?:gps_)?(?:lat|lon|lng|long|latitude|longitude)(?:_?deg(?:rees)?)?")
 _STAMP = re.compile(
     r"(?:(?:header|field)_)*(?:time|time_?stamp|stamp|t)(?:_?(?:s|sec|secs|seconds|ns|us|ms))?"
 )
@@ -21,9 +24,19 @@ def columns_of(text: str) -> list[int] | None:
     ----------
     text : str
         Of the file, as those of Stray Scanner, of ``rostopic echo -p`` or of pandas.
+
+    Raises
+    ------
+    DataError
+        If it names a latitude or a longitude: degrees are no positions.
     """
     for line in text.splitlines()[:HEADER]:
         names = _names(line)
+        if any(_DEGREES.fullmatch(name) for name in names):
+            raise DataError(
+                f"The poses have columns '{line.strip()[:60]}': latitude and longitude are degrees; give "
+                "positions in metres, as east, north, up from the first."
+            )
         found = [_only(names, _STAMP, "")]
         found += [_only(names, _POSITION, axis) for axis in "xyz"]
         found += [_only(names, _QUATERNION, axis) for axis in "xyzw"]

@@ -165,7 +165,10 @@ def times_at_rate(paths: Sequence[Path], rate: float) -> Array:
     return np.asarray([(k - numbers[0]) / rate for k in numbers], dtype=np.float64)
 
 
-_DATED = re.compile(r"(?:19|20)[0-9]{2}[01][0-9][0-3][0-9][-_T]?[0-2][0-9][0-5][0-9][0-5][0-9][0-9]*")
+_DATED = re.compile(
+    r"(?:19|20)[0-9]{2}[-_.]?[01][0-9][-_.]?[0-3][0-9][-_ T]*"
+    r"[0-2][0-9][-_.h]?[0-5][0-9][-_.m]?[0-5][0-9][0-9]*"
+)
 _NEAR = 0.15
 """Share of a frame's interval by which numbers that are times may be off."""
 

@@ -128,9 +128,23 @@ def listed_stamps(rows: list[tuple[int, list[str]]], where: str) -> tuple[list[D
         if not all(columns):
             raise DataError(f"{where} counts its lines and tells no times; give stamps in seconds.")
         tell("passed over", "the first column (it counts the lines)", where)
+    columns = _joined(columns, where)
     check_no_counter([fields[0] for fields in columns], where)
     stamps = read_stamps([fields[0] for fields in columns], where, lines=lines)
     return stamps, [fields[1:] for fields in columns]
+
+
+def _joined(columns: list[list[str]], where: str) -> list[list[str]]:
+    """Two columns of whole numbers, seconds since 1970 and nanoseconds as ROS has them, as one."""
+    digits = all(len(f) > 1 and all(x.isascii() and x.isdigit() for x in f[:2]) for f in columns)
+    if len(columns) < 2 or not digits:
+        return columns
+    whole, rest = ([int(f[k]) for f in columns] for k in (0, 1))
+    dated = _YEARS[0] <= min(whole) and max(whole) < _YEARS[1] and len(set(whole)) < len(whole)
+    if not dated or not LEAST_STEP * NANOSECONDS < max(rest) < NANOSECONDS:
+        return columns
+    tell("stamps", "seconds and nanoseconds in two columns", where)
+    return [[f"{s}.{n:09d}", *f[2:]] for s, n, f in zip(whole, rest, columns, strict=True)]
 
 
 def as_seconds(stamps: Iterable[Decimal]) -> Array:

@@ -195,10 +195,24 @@ def test_stamps_in_names_hold_whatever_the_rate_says(tmp_path: Path) -> None:
     assert stamps_in_names([Path(f"frame_{k}.png") for k in range(3)]) is None
 
 
+def test_seconds_and_nanoseconds_may_stand_in_two_columns() -> None:
+    rows = [(k, [str(1_700_000_000 + k // 20), str(k % 20 * 50_000_000)]) for k in range(45)]
+    stamps, _ = listed_stamps(rows, "x")
+    np.testing.assert_allclose(np.diff(as_seconds(stamps)), 0.05, atol=1e-6)
+
+
+def test_degrees_of_the_earth_are_no_positions(tmp_path: Path) -> None:
+    (tmp_path / "p").write_text("time,latitude,longitude,altitude,qx,qy,qz,qw\n0,48,11,500,0,0,0,1\n")
+    with pytest.raises(DataError, match="latitude and longitude are degrees"):
+        poses_of_frames(tmp_path / "p", np.arange(1.0))
+
+
 def test_names_count_by_the_number_that_rises() -> None:
     np.testing.assert_allclose(times_at_rate([Path(f"a_{k}_v2.png") for k in range(3)], 10.0), [0, 0.1, 0.2])
     with pytest.raises(DataError, match="times of day"):
         times_at_rate([Path("IMG_20240501_101158.jpg"), Path("IMG_20240501_101201.jpg")], 10.0)
+    with pytest.raises(DataError, match="times of day"):
+        times_at_rate([Path(f"2026-05-01T10-11-{k}.png") for k in range(12, 16)], 10.0)
 
 
 @pytest.mark.parametrize("stamps", [[0.0, 1e-5, 2e-5], [0.0, 0.05, 0.1, 2e5, 2e5 + 0.05, 2e5 + 0.1]])
