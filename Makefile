@@ -11,7 +11,7 @@ CRATES = $(shell ls -d $(CARGO_HOME)/registry/src/* 2> /dev/null)
 GIVEN := $(RUSTFLAGS)
 export RUSTFLAGS = $(GIVEN) --remap-path-prefix=$(CURDIR)=. $(CRATES:%=--remap-path-prefix=%=crates)
 
-.PHONY: demo quick test test-live check docs wheel wheel-arm64 wheel-twice bench bench-frames reliability mutants audit clean
+.PHONY: demo quick test test-live check docs evaluation wheel wheel-arm64 wheel-twice bench bench-frames reliability mutants audit clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf. It installs what users do, 400 MB.
 demo: $(VENV)/.core
@@ -94,6 +94,12 @@ wheel-arm64: $(VENV)/.core
 	rm -f dist/arm64/*.whl
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --out dist/arm64 $(MANYLINUX) --target $(ARM64)
 	$(BIN)/python packaging/try_arm64.py dist/arm64
+
+# The evaluation of what needs no recordings, as an archive that goes with a release: dist/evaluation.tar.gz.
+evaluation: $(VENV)/.built
+	mkdir -p dist
+	$(BIN)/collabslam-lab evaluate dist --only demo --out results/evaluation
+	tar -czf dist/evaluation.tar.gz -C results evaluation
 
 # The wheel of the last commit, made in two folders, and whether both are the same to the byte. Two builds: minutes.
 SAME_VENV = VENV=$(abspath $(VENV)) --old-file $(abspath $(VENV))/.installed --old-file $(abspath $(VENV))/.fetched

@@ -32,6 +32,7 @@ from collabslam.live.ros_worn import TF, RosWorn, Take, WornTopics, check_own
 from collabslam.live.slam import LiveSlam
 from collabslam.live.views import LiveView
 from collabslam.live.wheels import WheelSamples, WheelTopic
+from collabslam.results import GyroEstimate
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.map.saved_map import SavedMap
@@ -291,6 +292,8 @@ class RosNode:
             self._out.base = Base(self._t_bc, step.level)
         if self._out.base is None:
             facts |= {"waits for": "which way is down; no pose is published before"}
+        if step.gyro is not None and step.gyro.followed:
+            facts |= self._latency(step.gyro)
         self._out.frame(pose, live.slam, facts, self._worn)
         if self._propagator is not None:
             core, gyro = live.slam.filter, step.gyro
@@ -308,6 +311,11 @@ class RosNode:
                 if known and gyro is not None
                 else None
             )
+
+    def _latency(self, gyro: GyroEstimate) -> dict[str, str]:
+        """By how much images come stamped too late: as it was told, and what the gyroscope's clock adds."""
+        found = self._topics.latency + gyro.time_offset
+        return {"latency_s": f"{found:.4f}", "latency_sd_s": f"{gyro.time_offset_sd:.4f}"}
 
     def _save_map(self) -> str:
         live, place = self._running(), self._maps().save

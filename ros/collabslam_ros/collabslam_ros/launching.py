@@ -1,4 +1,4 @@
-"""What the launch files share: topics and files are their arguments, settings are in the file of parameters."""
+"""What the launch files share: topics and files are arguments, settings are in the file of parameters."""
 
 from __future__ import annotations
 

@@ -39,6 +39,7 @@ from collabslam.live.ros import MapFiles, RosNode, RosTopics
 from collabslam.live.ros_frames import TF_MAP, Base, RosFrames
 from collabslam.live.ros_out import KINDS, WORN_POSE, RosOut
 from collabslam.live.ros_worn import WornTopics
+from collabslam.results import GyroEstimate
 from collabslam.settings.table import Settings, schema
 from collabslam.slam import level_estimator
 from collabslam.slam.map.saved_map import SavedMap
@@ -224,6 +225,8 @@ def test_poses_between_frames_are_the_gyroscopes(clip: Clip) -> None:
         if k:
             play(clip, node, k, k + 1)
     running.close()
+    told = messages.status_from(node.sent["/diagnostics"][-1])["robot"]
+    assert abs(float(told["latency_s"])) < 4.0 * float(told["latency_sd_s"])
     found = [
         messages.decoded(messages.ODOMETRY, data) for data in node.sent["/collabslam/odometry_propagated"]
     ]
@@ -235,6 +238,14 @@ def test_poses_between_frames_are_the_gyroscopes(clip: Clip) -> None:
     place = pose_of(last.pose.pose)
     covariance = fixed_to_tangent(place, np.reshape(last.pose.covariance, (6, 6)))
     assert np.linalg.norm((pose_inverse(place) @ true)[:3, 3]) < 4.0 * np.sqrt(np.trace(covariance[:3, :3]))
+
+
+def test_the_latency_is_what_was_told_and_what_the_gyroscopes_clock_adds(clip: Clip) -> None:
+    _, running = node_of(clip, latency=0.09)
+    running.close()
+    nothing = np.zeros(3)
+    found = running._latency(GyroEstimate(nothing, nothing, 0.0032, 0.0011, True))
+    assert found == {"latency_s": "0.0932", "latency_sd_s": "0.0011"}
 
 
 def test_a_base_carries_errors_along() -> None:
