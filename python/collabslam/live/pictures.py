@@ -7,12 +7,7 @@ decoded never reaches the filter, nor its record: both stay the same to the bit.
 from __future__ import annotations
 
 import json
-import os
-import select
-import subprocess
-import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -21,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.live.decode_worker import LENGTH
+from collabslam.formats.worker_process import WorkerDied, WorkerProcess
 from collabslam.live.views import BROKEN, LiveView
 from collabslam.slam.worn.late_views import CROWDED
 from collabslam.types import Image
@@ -146,10 +141,6 @@ class _Device:
         return pixels
 
 
-class WorkerDied(Exception):
-    """A worker ended, or answers nothing."""
-
-
 class Worker:
     """A process that decodes pictures of one camera, see `decode_worker`.
 
@@ -160,16 +151,7 @@ class Worker:
 
     def __init__(self, camera: Camera) -> None:
         self._shape = camera.height, camera.width
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "collabslam.live.decode_worker", json.dumps(camera.__getnewargs__())],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            start_new_session=True,  # Ctrl-C is for the robot
-        )
-        assert self._process.stdin is not None
-        os.set_blocking(self._process.stdin.fileno(), False)
+        self._process = WorkerProcess("collabslam.live.decode_worker", json.dumps(camera.__getnewargs__()))
 
     def decode(self, data: bytes) -> Image | None:
         """The pixels (H, W) in the camera's size; None if the picture is refused.
@@ -179,39 +161,12 @@ class Worker:
         WorkerDied
             If it took more memory or time than it may.
         """
-        until = time.monotonic() + PATIENCE
-        self._write(LENGTH.pack(len(data)) + data, until)
-        (length,) = LENGTH.unpack(self._read(LENGTH.size, until))
-        if length == 0:
+        pixels = self._process.ask(data, PATIENCE)
+        if not pixels:
             return None
-        if length != self._shape[0] * self._shape[1]:
+        if len(pixels) != self._shape[0] * self._shape[1]:
             raise WorkerDied
-        return np.frombuffer(self._read(length, until), np.uint8).reshape(self._shape)
-
-    def _write(self, data: bytes, until: float) -> None:
-        stream, sent = self._process.stdin, 0
-        assert stream is not None
-        while sent < len(data):
-            _, ready, _ = select.select([], [stream], [], max(0.0, until - time.monotonic()))
-            try:
-                sent += (stream.write(data[sent:]) or 0) if ready else self._died()
-            except OSError as error:
-                raise WorkerDied from error
-
-    def _died(self) -> int:
-        raise WorkerDied
-
-    def _read(self, count: int, until: float) -> bytes:
-        stream = self._process.stdout
-        assert stream is not None
-        parts = bytearray()
-        while len(parts) < count:
-            ready, _, _ = select.select([stream], [], [], max(0.0, until - time.monotonic()))
-            part = stream.read(count - len(parts)) if ready else b""
-            if not part:
-                self._died()
-            parts += part
-        return bytes(parts)
+        return np.frombuffer(pixels, np.uint8).reshape(self._shape)
 
     def kill(self) -> None:
         """End the process at once."""
@@ -219,8 +174,4 @@ class Worker:
 
     def close(self) -> None:
         """End the process, and wait for that."""
-        self._process.kill()
-        self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                stream.close()
+        self._process.close()

@@ -26,6 +26,7 @@ ROOT = Path(__file__).parents[3]
 BY_NAME = {(attack.group, attack.name): attack for attack in ATTACKS}
 ONE_EACH = (
     ("image", "gif"),
+    ("video", "concat"),
     ("calibration", "nan"),
     ("list", "repeated"),
     ("relative pose", "negative"),

@@ -40,7 +40,7 @@ class Heard:
     def worker(self, name: str) -> int:
         worker = self.pictures._devices[name]._worker
         assert worker is not None
-        return worker._process.pid
+        return worker._process._process.pid
 
 
 def test_pixels_are_those_that_the_filter_would_make() -> None:
@@ -112,8 +112,8 @@ def test_strangers_start_no_workers() -> None:
 LIMITED = """
 import sys
 from collabslam.live import decode_worker as w
-w._limit_memory(w.ROOM)
-w._limit_time()
+w.limit_memory(w.ROOM)
+w.limit_time(w.CPU_SECONDS)
 {}
 print("done")
 """

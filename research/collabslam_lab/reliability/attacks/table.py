@@ -22,6 +22,7 @@ from collabslam_lab.reliability.attacks import (
     stores,
     streams,
     text_files,
+    videos,
     words,
 )
 from collabslam_lab.reliability.attacks.attack import Attack, Result
@@ -32,6 +33,7 @@ from collabslam_lab.report import markdown_table
 ATTACKS: tuple[Attack, ...] = (
     *image_files.ATTACKS,
     *image_bombs.ATTACKS,
+    *videos.ATTACKS,
     *text_files.ATTACKS,
     *gyroscope.ATTACKS,
     *bags.ATTACKS,
