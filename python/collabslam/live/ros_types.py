@@ -30,7 +30,7 @@ def message_class(kind: str) -> Any:
     package, _, name = kind.split("/")
     try:
         return getattr(import_module(f"{package}.msg"), name)
-    except ImportError as error:
+    except (ImportError, AttributeError) as error:
         raise DataError(f"The messages {package} of ROS 2 are not installed ({error}).") from error
 
 
