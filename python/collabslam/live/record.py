@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -81,6 +80,7 @@ class EventWriter:
         self._persons = set(worn_cameras)
         self._connections: dict[str, Any] = {}
         self._last = 0
+        self._failed = self._ended = False
         self._write(PLAN, messages.TEXT, messages.text(plan.written), 0.0)
         for topic, data in encoded:
             self._write(topic, messages.CAMERA_INFO, data, 0.0)
@@ -121,9 +121,21 @@ class EventWriter:
             self._write(own_topic(name, WORN_IMAGE), messages.COMPRESSED, data, now)
 
     def close(self) -> None:
-        """Finish the bag."""
-        with contextlib.suppress(OSError):
+        """Finish the bag; what is still to be written then is most of a short one.
+
+        Raises
+        ------
+        DataError
+            If it cannot be written, unless that was told before.
+        """
+        if self._ended:
+            return
+        told, self._ended = self._failed, True
+        try:
             self._bag.close()
+        except OSError as error:
+            if not told:
+                raise _unwritable(error) from error
 
     def _write(self, topic: str, kind: str, data: bytes, now: float) -> None:
         if topic not in self._connections:
@@ -132,7 +144,12 @@ class EventWriter:
         try:
             self._bag.write(self._connections[topic], self._last, data)
         except OSError as error:
-            raise DataError(f"The record cannot be written ({error}); free disk space.") from error
+            self._failed = True
+            raise _unwritable(error) from error
+
+
+def _unwritable(error: OSError) -> DataError:
+    return DataError(f"The record cannot be written ({error}); free disk space.")
 
 
 def own_topic(name: str, topic: str) -> str:

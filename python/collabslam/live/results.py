@@ -141,10 +141,11 @@ class LiveResults:
         }
 
     def finish(self, slam: Slam, facts: dict[str, Any]) -> None:
-        """What needs the whole run: map, summary and the last checkpoint."""
-        write_ply(self.folder / MAP, slam.landmarks(), self._unit)
-        slam.save(self.folder / ENGINE)
-        write_summary(self.folder / SUMMARY, {**self.facts, **facts})
+        """What needs the whole run, each whether or not another can be written."""
+        with contextlib.ExitStack() as stack:  # the last one first
+            stack.callback(slam.save, self.folder / ENGINE)
+            stack.callback(write_summary, self.folder / SUMMARY, {**self.facts, **facts})
+            stack.callback(write_ply, self.folder / MAP, slam.landmarks(), self._unit)
 
     def close(self) -> None:
         """Close the files."""

@@ -166,6 +166,7 @@ class RobotNode:
             stack.callback(clock.undeclare)
             error, interrupted = self._drive(live)
             self._line.end()
+            self._keep("record", recorder.close)
             facts = {
                 **self._counts(),
                 "mode": _mode(options),

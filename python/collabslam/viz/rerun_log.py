@@ -101,8 +101,12 @@ class RerunLog:
         self._true: list[Array] = []
         self._start: Array | None = None
         self._log: Any = rr.RecordingStream("collabslam", recording_id=recording.name)
+        self._lost = "The Rerun viewer was not reached ({}); --save writes a file instead."
         if save is not None:
             try_place(save)
+            self._lost = (
+                "The file of --save is not whole ({}); free disk space, and take it as far as it goes."
+            )
         sinks: list[Any] = [rr.FileSink(str(save))] if save is not None else []
         if view:
             rr.spawn(connect=False, recording=self._log, executable_path=viewer())
@@ -120,10 +124,7 @@ class RerunLog:
         try:
             self._log.flush(timeout_sec=FLUSH_SECONDS)
         except RuntimeError as unreached:
-            print(
-                f"The Rerun viewer was not reached ({unreached}); --save writes a file instead.",
-                file=sys.stderr,
-            )
+            print(self._lost.format(unreached), file=sys.stderr)
         self._log.disconnect()
 
     def frame(self, frame: Frame, step: Any, engine: Viewed) -> None:
