@@ -8,7 +8,11 @@ from typing import Any
 import collabslam
 
 MODES = ("mono", "collab-tight")
-LARGEST_NEES = 16.3
+LEAST_NEES, LARGEST_NEES = 0.03, 16.3
+"""An error of the scale lasts as long as a run, so that the mean NEES of a run is about one draw of three
+numbers and not the mean of a hundred: the upper bound is passed by one draw in a thousand.  Below the lower
+one a standard deviation is too large by a factor of ten.
+"""
 
 
 class Rendered:
