@@ -31,8 +31,8 @@ ROOM = 1 << 31
 """Bytes of memory that decoding may take: 8k with 16 reference frames takes half."""
 SEEK_SECONDS = 300
 """Of the processor that a jump may take, which decodes all from the picture before that stands alone."""
-AHEAD = 100
-"""A frame so far ahead is sought, a nearer one reached by decoding what lies between."""
+FAR = 1000
+"""Frames that are decoded rather than sought: a jump costs as much as some hundred, where few are whole."""
 BEFORE = 32
 """Frames before the wanted one from which on it is decoded: the first ones after a jump may lack others."""
 SIZE, STAMPS = b"size", b"stamps"
@@ -100,8 +100,10 @@ class _Film:
         self._open()
 
     def _frame(self, i: int) -> bytes:
-        if not self._next <= i <= self._next + AHEAD:
+        if (i - self._next if i >= self._next else i) > FAR:
             self._seek(i)
+        elif i < self._next:
+            self._open()
         while self._next <= i:
             if not self._grab():
                 return b""

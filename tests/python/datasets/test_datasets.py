@@ -617,6 +617,10 @@ def test_frames_of_a_video_are_the_same_in_any_order_and_are_sought(
     asked.answer(video_worker.STAMPS)
     asked._seek(200)
     assert 100 < asked._next <= 200
+    shape = video_worker.SHAPE.size
+    for k in (210, 205, 299):  # as they are after a jump
+        asked._seek(k)
+        assert asked._frame(k)[shape:] == expected[k].tobytes()
 
 
 def test_video(tmp_path: Path) -> None:
