@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam._core import Camera
-from collabslam.errors import CollabslamError
+from collabslam.errors import CollabslamError, InputError
 
 PERSON = "[A-Za-z0-9_][A-Za-z0-9_-]{0,31}"
 """What a person may be called."""
@@ -208,7 +208,10 @@ class Imu(Brief):
         """What is stated of its errors, by the keys of the settings."""
         names = (f.name for f in fields(self) if f.name not in ("r_ci", "time_offset"))
         stated = {f"filter.imu.{name}": getattr(self, name) for name in names}
-        return {key: float(value) for key, value in stated.items() if value is not None}
+        try:
+            return {key: float(value) for key, value in stated.items() if value is not None}
+        except (TypeError, ValueError) as error:
+            raise InputError(f"A size of the gyroscope's errors is no number ({error}).") from error
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.frame_poses import poses_of_frames
@@ -176,15 +178,17 @@ def open_recording(  # noqa: PLR0913 (each is an input of its own)
         If the recording is missing, no layout fits, or a file is missing, broken or of the wrong size.
     """
     camera, times, poses, mask = (None if p is None else Path(p) for p in (camera, times, poses, mask))
+    if depth_scale is not None and not 0.0 < depth_scale < np.inf:
+        raise DataError(f"The depth scale is {depth_scale}; give counts at one metre, above zero.")
     given = Given(camera, times, poses, dict(topics or {}), None, depth_scale, dict(axes or {}), mask=mask)
     for one in sensors:
         given = replace(given, odometry=one) if isinstance(one, OdometryGiven) else replace(given, gyro=one)
-    check_name(Path(source))
     return open_given(Path(source), given)
 
 
 def open_given(path: Path, given: Given) -> DiskRecording:
     """As `open_recording`, with all that is given in one value."""
+    check_name(path)
     path = path.resolve()
     recording = recognise(path, given).open(path, given)
     if given.poses is not None:

@@ -7,6 +7,7 @@ file's place first, so that none is ever half written.
 from __future__ import annotations
 
 import contextlib
+import errno
 import glob
 import os
 import secrets
@@ -60,9 +61,17 @@ def read_bytes(path: Path, most: int = LARGEST) -> bytes:
 
 
 def check_name(path: Path) -> None:
-    """Raises DataError if nothing can be called so."""
+    """Raises DataError if nothing can be called so, or the name goes round in a circle of links."""
+    named = f"No file can be called {str(path)[:80]!r}"
     if "\0" in str(path):
-        raise DataError(f"No file can be called {str(path)[:80]!r}; give a name without a zero byte.")
+        raise DataError(f"{named}; give a name without a zero byte.")
+    try:
+        os.stat(path)
+    except UnicodeEncodeError as error:
+        raise DataError(f"{named}; give a name of whole characters.") from error
+    except OSError as error:
+        if error.errno in (errno.ENAMETOOLONG, errno.ELOOP):
+            raise DataError(f"{named} ({error.strerror}); give another one.") from error
 
 
 def read_text(path: Path) -> str:
@@ -161,6 +170,8 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = False, private: bool
         If the file cannot be written, or a folder, a pipe or a device is in its place: none is replaced.
     """
     beside = None
+    if not os.path.islink(path):  # a link is replaced, wherever it leads
+        check_name(path)
     try:
         _check_replaceable(path)
         path.parent.mkdir(parents=True, exist_ok=True)

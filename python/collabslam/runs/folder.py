@@ -14,7 +14,7 @@ from itertools import count
 from pathlib import Path
 
 from collabslam.errors import DataError
-from collabslam.formats.files import PART, made_beside, read_text
+from collabslam.formats.files import PART, check_name, made_beside, read_text
 
 try:
     import fcntl
@@ -61,6 +61,7 @@ def claim(wanted: Path, stack: contextlib.ExitStack, *, overwrite: bool, latest:
         If another run is writing into it or into one of its numbered folders, or it holds other things than
         results, or cannot be written.
     """
+    check_name(wanted)
     for folder in numbered(wanted):
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,7 @@ from collabslam.datasets.stamps import usable_frames
 from collabslam.errors import CollabslamError, DataError, FilterError, InputError, SettingsError, Terminated
 from collabslam.evaluation.record import RunRecord
 from collabslam.evaluation.scoring import AlignedTruth, align_truth
-from collabslam.formats.files import try_place
+from collabslam.formats.files import check_name, try_place
 from collabslam.level import Level
 from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.runs.checkpoint import Checkpoint, fingerprint
@@ -142,6 +142,8 @@ def run(
     FilterError
         If the filter meets a numerical state from which it cannot go on.
     """
+    if not isinstance(source, str | Path | Source) and not hasattr(source, "frame"):
+        raise InputError(f"A {type(source).__name__} cannot be run; give a recording, a Source or a path.")
     output = out if isinstance(out, Output) else Output(out)
     if isinstance(source, str | Path):
         source = Source(Path(source))
@@ -200,6 +202,7 @@ def resume(
         or another run is writing into the folder.
     """
     folder = Path(folder)
+    check_name(folder)
     with contextlib.ExitStack() as stack:
         if folder.is_dir():
             stack.enter_context(locked(folder))

@@ -96,6 +96,8 @@ class Slam:
         if mode is not None:
             settings = settings.replace({"filter.estimator.mode": mode})
         if imu is not None:
+            if not isinstance(imu, Imu):
+                raise InputError(f"A {type(imu).__name__} is no gyroscope; give Imu.")
             settings = settings.replace(imu.sizes)
         if map is not None:  # room for as many new landmarks as without it
             map = map.seen_by(camera)

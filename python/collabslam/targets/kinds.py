@@ -98,7 +98,8 @@ class Board:
     square: float
 
     def __post_init__(self) -> None:
-        if not 3 <= min(self.columns, self.rows) <= max(self.columns, self.rows) <= 100:
+        whole = isinstance(self.columns, int | np.integer) and isinstance(self.rows, int | np.integer)
+        if not whole or not 3 <= min(self.columns, self.rows) <= max(self.columns, self.rows) <= 100:
             raise InputError(
                 f"A board of {self.columns} x {self.rows} inner corners does not do; take 3 x 4 to 100 x 100."
             )

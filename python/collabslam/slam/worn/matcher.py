@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 
 import numpy as np
 
@@ -97,6 +98,9 @@ class WornMatcher:
         """The views of one frame, one of each worn camera, each as `require` has it."""
         if not isinstance(views, Sequence):
             raise InputError(f"the views are {type(views).__name__}; give a list of WornView.")
+        for view in views:
+            if not isinstance(view, WornView) or not isinstance(view.who, str):
+                raise InputError(f"A {type(view).__name__} is no view; give WornView, with a name as who.")
         names = [view.who for view in views]
         if len(set(names)) != len(names):
             raise InputError("a frame takes one view of each worn camera; give later ones to add_worn.")
@@ -118,7 +122,7 @@ class WornMatcher:
             raise InputError(
                 "the covariance of T_CF is singular; give every direction a standard deviation."
             ) from error
-        if worn.t is not None and not abs(worn.t) <= LAST_TIME:
+        if worn.t is not None and not (isinstance(worn.t, Real) and abs(worn.t) <= LAST_TIME):
             raise InputError(f"the worn view's time is {worn.t}; give seconds, by the clock of Cs's stamps.")
         return replace(worn, image=image, covariance=self._floored(worn.covariance))
 
