@@ -10,9 +10,14 @@ import sys
 import time
 import weakref
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from collabslam.formats.worker_limits import LENGTH
+
+_HOME = str(Path(__file__).resolve().parents[2])
+_OURS = os.pathsep.join(filter(None, (_HOME, os.environ.get("PYTHONPATH"))))
+"""Where the process finds this package, however this one did."""
 
 
 class WorkerDied(Exception):
@@ -34,12 +39,12 @@ class WorkerProcess:
 
     def __init__(self, module: str, *words: str, environment: Mapping[str, str] | None = None) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, *words],
+            [sys.executable, "-P", "-m", module, *words],  # not what lies where it is started, as a cv2.py
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             bufsize=0,
-            env={**os.environ, **(environment or {})},
+            env={**os.environ, "PYTHONPATH": _OURS, **(environment or {})},
             start_new_session=True,  # Ctrl-C is for whoever asks
         )
         self._ended = weakref.finalize(self, _end, self._process)

@@ -112,3 +112,14 @@ def test_a_read_that_is_broken_off_leaves_no_half_answer(film: Path, monkeypatch
         with pytest.raises(KeyboardInterrupt):
             video.read(3)
     np.testing.assert_array_equal(video.read(1), images[1])
+
+
+def test_what_lies_beside_a_film_is_not_run(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever is given a folder looks into it from there; Python would take modules from it."""
+    for name in ("cv2.py", "numpy.py", "struct.py", "collabslam.py"):
+        (tmp_path / name).write_text(f"open({str(tmp_path / 'stolen')!r}, 'w')")
+    monkeypatch.chdir(tmp_path)
+    assert VideoFile(film).read(0) is not None
+    assert not (tmp_path / "stolen").exists()
