@@ -26,6 +26,7 @@ from typing import Any
 
 from collabslam.batch.processes import ONE_THREAD, end_with_parent, use_one_thread
 from collabslam.errors import CollabslamError
+from collabslam.formats.worker_process import started
 
 _LENGTH = struct.Struct("<Q")
 
@@ -135,7 +136,7 @@ def _child() -> subprocess.Popen[bytes]:
                 return child
             _end(child)
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", __name__],
+        started(__name__),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)},

@@ -20,6 +20,20 @@ _OURS = os.pathsep.join(filter(None, (_HOME, os.environ.get("PYTHONPATH"))))
 """Where the process finds this package, however this one did."""
 
 
+_START = (
+    "import sys; sys.path[:1] == [''] and sys.path.pop(0); sys.argv.pop(0); "
+    "import runpy; runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)"
+)
+
+
+def started(module: str, *words: str) -> list[str]:
+    """The command that runs a module, as ``python -m``, but never what lies where it is started, as a cv2.py.
+
+    It is what ``-P`` does from Python 3.11 on.
+    """
+    return [sys.executable, "-c", _START, module, *words]
+
+
 class WorkerDied(Exception):
     """A helper process ended, or answers nothing."""
 
@@ -39,7 +53,7 @@ class WorkerProcess:
 
     def __init__(self, module: str, *words: str, environment: Mapping[str, str] | None = None) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", module, *words],  # not what lies where it is started, as a cv2.py
+            started(module, *words),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
