@@ -10,7 +10,18 @@ import numpy as np
 import pytest
 
 import collabslam
-from collabslam import Board, Camera, DataError, Imu, InputError, Output, SavedMap, Slam, WornView
+from collabslam import (
+    Board,
+    Camera,
+    DataError,
+    Imu,
+    InputError,
+    Output,
+    SavedMap,
+    SettingsError,
+    Slam,
+    WornView,
+)
 from collabslam.simulation import corridor_recording
 
 CAMERA = Camera("pinhole", 64, 48, (50.0, 50.0, 32.0, 24.0))
@@ -68,11 +79,29 @@ def test_views_that_are_none(views: Any) -> None:
         lambda: collabslam.run(None),  # type: ignore[arg-type]
         lambda: Slam(CAMERA, imu=3, mode="mono", start="scale-free"),  # type: ignore[arg-type]
         lambda: Slam(CAMERA, imu=Imu(gyro_noise="a"), mode="mono", start="scale-free"),  # type: ignore[arg-type]
+        lambda: Slam(CAMERA, settings={}, mode="mono"),  # type: ignore[arg-type]
+        lambda: collabslam.run(corridor_recording(length_m=0.5), settings={}),  # type: ignore[arg-type]
+        lambda: collabslam.open_recording(".", topics=3),  # type: ignore[arg-type]
+        lambda: collabslam.open_recording(".", sensors=3),  # type: ignore[arg-type]
+        lambda: collabslam.open_recording(".", sensors=[3]),  # type: ignore[list-item]
+        lambda: collabslam.open_recording(".", axes={"poss": "ros"}),
         lambda: Board("a", 4, 0.1),  # type: ignore[arg-type]
         lambda: Board(3.5, 4, 0.1),  # type: ignore[arg-type]
     ],
-    ids=["run", "imu", "noise", "board of letters", "board of halves"],
+    ids=[
+        "run",
+        "imu",
+        "noise",
+        "settings",
+        "settings of a run",
+        "topics",
+        "sensors",
+        "a sensor",
+        "axes",
+        "board of letters",
+        "board of halves",
+    ],
 )
 def test_arguments_of_another_kind(call: Callable[[], Any]) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises((InputError, SettingsError)):
         call()

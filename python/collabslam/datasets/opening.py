@@ -34,7 +34,7 @@ from collabslam.datasets.recording import ImageRecording
 from collabslam.datasets.ros import reader as bag_recording
 from collabslam.datasets.ros.odometry_topic import read_odometry_topic
 from collabslam.datasets.units import check_rate
-from collabslam.errors import DataError
+from collabslam.errors import DataError, InputError
 from collabslam.formats.files import check_name
 from collabslam.types import Odometry
 
@@ -45,6 +45,10 @@ class Reader(NamedTuple):
     layout: str
     matches: Callable[[Path], bool]
     open: Callable[[Path, Given], DiskRecording]
+
+
+_AXES_OF = {"poses", "t_cf"}
+"""What axes may be given of."""
 
 
 def _complete(open_it: Callable[[Path], ImageRecording]) -> Callable[[Path, Given], DiskRecording]:
@@ -176,7 +180,10 @@ def open_recording(  # noqa: PLR0913 (each is an input of its own)
     ------
     DataError
         If the recording is missing, no layout fits, or a file is missing, broken or of the wrong size.
+    InputError
+        If topics, axes or sensors are something else.
     """
+    _check_kinds(topics, sensors := list(_each(sensors)), axes)
     camera, times, poses, mask = (None if p is None else Path(p) for p in (camera, times, poses, mask))
     if depth_scale is not None and not 0.0 < depth_scale < np.inf:
         raise DataError(f"The depth scale is {depth_scale}; give counts at one metre, above zero.")
@@ -184,6 +191,28 @@ def open_recording(  # noqa: PLR0913 (each is an input of its own)
     for one in sensors:
         given = replace(given, odometry=one) if isinstance(one, OdometryGiven) else replace(given, gyro=one)
     return open_given(Path(source), given)
+
+
+def _each(sensors: Iterable[OdometryGiven | GyroGiven]) -> Iterable[OdometryGiven | GyroGiven]:
+    if not isinstance(sensors, Iterable):
+        raise InputError(f"The sensors are a {type(sensors).__name__}; give a list of them.")
+    return sensors
+
+
+def _check_kinds(
+    topics: Mapping[str, str] | None,
+    sensors: list[OdometryGiven | GyroGiven],
+    axes: Mapping[str, str] | None,
+) -> None:
+    for what, given in (("topics", topics), ("axes", axes)):
+        if given is not None and not isinstance(given, Mapping):
+            raise InputError(f"The {what} are a {type(given).__name__}; give a mapping of names, or None.")
+    for one in sensors:
+        if not isinstance(one, OdometryGiven | GyroGiven):
+            raise InputError(f"A sensor is a {type(one).__name__}; give OdometryGiven or GyroGiven.")
+    if unknown := set(axes or {}) - _AXES_OF:
+        named = ", ".join(sorted(map(str, unknown)))
+        raise InputError(f"There are no axes of {named}; axes are given of {' and '.join(sorted(_AXES_OF))}.")
 
 
 def open_given(path: Path, given: Given) -> DiskRecording:

@@ -148,7 +148,7 @@ def run(
     if isinstance(source, str | Path):
         source = Source(Path(source))
     recording, reopen = (source.open(), source) if isinstance(source, Source) else (source, output.reopen)
-    settings = settings or Settings.default()
+    settings = Settings.or_default(settings)
     mode = mode or default_mode(recording, settings)
     start = SavedMap.load(start) if isinstance(start, Path) else start or default_start(recording, printed)
     plan = Plan(

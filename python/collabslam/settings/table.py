@@ -79,6 +79,18 @@ class Settings:
         return cls(FilterSettings(), FrontendSettings())
 
     @classmethod
+    def or_default(cls, settings: Settings | None) -> Settings:
+        """Those given, or every one at its default; raises SettingsError if they are something else."""
+        if settings is None:
+            return cls.default()
+        if not isinstance(settings, cls):
+            raise SettingsError(
+                f"The settings are a {type(settings).__name__}; give Settings.from_dict(...), "
+                "Settings.load(FILE) or None."
+            )
+        return settings
+
+    @classmethod
     def load(cls, path: str | Path) -> Settings:
         """Settings of a YAML file; what it leaves out keeps its default.
 

@@ -92,7 +92,7 @@ class Slam:
         worn_mask: Mask | Image | Mapping[str, Mask | Image] | None = None,
     ) -> None:
         check_start(start, mode=mode, worn_camera=worn_camera, target=target, map=map)
-        settings = settings or Settings.default()
+        settings = Settings.or_default(settings)
         if mode is not None:
             settings = settings.replace({"filter.estimator.mode": mode})
         if imu is not None:

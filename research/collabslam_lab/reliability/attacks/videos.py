@@ -54,7 +54,7 @@ def _noisy(data: bytes) -> bytes:
     spoilt = np.frombuffer(data, np.uint8).copy()
     generator = np.random.default_rng(1)
     spoilt[generator.integers(0, len(spoilt), len(spoilt) // 100)] = 255
-    return spoilt.tobytes()
+    return bytes(spoilt)
 
 
 def _list(text: str) -> Change:
