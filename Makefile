@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# For what looks there for programs: a machine may have no maturin of its own.
+WITH_BIN = PATH="$(abspath $(BIN)):$$PATH"
 MANYLINUX := $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux2014)
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml research/pyproject.toml
 
@@ -48,10 +50,10 @@ ROS2_HOME := $(abspath $(VENV))
 test-live: $(VENV)/.built
 	-$(BIN)/pip install --quiet $(ROS2) $(ROS2_MAKES)
 	-$(BIN)/python tests/live/ros_messages/headers.py $(ROS2_HOME)/share
-	-mkdir -p target && which cmake && env PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(ROS2_HOME) CMAKE_PREFIX_PATH=$(ROS2_HOME) \
+	-mkdir -p target && which cmake && env $(WITH_BIN) AMENT_PREFIX_PATH=$(ROS2_HOME) CMAKE_PREFIX_PATH=$(ROS2_HOME) \
 		cmake -S tests/live/ros_messages -B target/tf2_msgs -DCMAKE_INSTALL_PREFIX=$(ROS2_HOME) \
 		-DPython3_EXECUTABLE=$(ROS2_HOME)/bin/python -DPYTHON_EXECUTABLE=$(ROS2_HOME)/bin/python > target/tf2_msgs.txt 2>&1; \
-		env PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(ROS2_HOME) $(MAKE) -C target/tf2_msgs install >> target/tf2_msgs.txt 2>&1
+		env $(WITH_BIN) AMENT_PREFIX_PATH=$(ROS2_HOME) $(MAKE) -C target/tf2_msgs install >> target/tf2_msgs.txt 2>&1
 	$(BIN)/python -m pytest -rs tests/live
 
 # One table of times, and results/bench.json. Takes under 5 minutes once built.
@@ -86,7 +88,7 @@ check: $(VENV)/.built
 wheel: $(VENV)/.installed $(VENV)/.fetched
 	$(BIN)/pip install --quiet 'maturin[zig]>=1.9,<2'
 	rm -f dist/*.whl
-	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --out dist $(MANYLINUX)
+	$(WITH_BIN) $(BIN)/maturin build --release --locked --out dist $(MANYLINUX)
 
 # The same for arm64, made and started on another machine: the compiler needs that target (rustup target add), and Debian's
 # qemu-user-static runs it, in a folder, with Debian's arm64 Python. The poses must be those of this machine.
@@ -94,7 +96,7 @@ ARM64 := aarch64-unknown-linux-gnu
 wheel-arm64: $(VENV)/.core
 	$(BIN)/pip install --quiet 'maturin[zig]>=1.9,<2'
 	rm -f dist/arm64/*.whl
-	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --out dist/arm64 $(MANYLINUX) --target $(ARM64)
+	$(WITH_BIN) $(BIN)/maturin build --release --locked --out dist/arm64 $(MANYLINUX) --target $(ARM64)
 	$(BIN)/python packaging/try_arm64.py dist/arm64
 
 # The evaluation of what needs no recordings, as an archive that goes with a release: dist/evaluation.tar.gz.
@@ -136,13 +138,13 @@ $(VENV)/.fetched: Cargo.lock
 # The package with its pictures: what users install.
 $(VENV)/.core: $(VENV)/.installed $(VENV)/.fetched $(SOURCES)
 	@echo "Building collabslam into $(VENV): two minutes or so"
-	$(BIN)/pip install --quiet --no-build-isolation --editable '.[plot]'
+	$(WITH_BIN) $(BIN)/pip install --quiet --no-build-isolation --editable '.[plot]'
 	touch $@
 
 # And all that tests, the laboratory and the docs need, 2 GB.
 $(VENV)/.built: $(VENV)/.core
 	@echo "Installing what tests and the laboratory need"
-	$(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
+	$(WITH_BIN) $(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
 	$(BIN)/pip install --quiet --editable 'research[cluster,learned,surf]'
 	touch $@
 
