@@ -33,3 +33,13 @@ def scores(recording: Any) -> dict[str, dict[str, Any]]:
     """The summary of each mode."""
     rendered: Any = Rendered(recording)
     return {mode: collabslam.run(rendered, mode=mode).summary for mode in MODES}
+
+
+def check_run(summary: dict[str, Any], largest_ate: float, least_nees: float = LEAST_NEES) -> None:
+    """A run that never lost the camera, whose error is small (per cent of the way), and known."""
+    assert summary["coverage"] == 1.0
+    assert summary["ok_share"] >= 0.98
+    assert summary["false_ok_share"] <= 0.02
+    assert summary["ate_pct_all_frames"] < largest_ate
+    assert least_nees < summary["nees_position"] < LARGEST_NEES
+    assert summary["nees_attitude"] < LARGEST_NEES
