@@ -12,7 +12,7 @@ LOOKED_AT = 8
 _ROUGHER = 1.25
 """Times by which neighbours in a mosaic differ more than pixels two apart, along rows and columns.
 
-Of 15 recordings the roughest picture has 0.71, noise without any picture 1.0.
+In a picture pixels two apart differ more than neighbours, so it has less than 1; noise alone has 1.
 """
 _LEAST = 1.0
 """Grey levels by which neighbours differ at least: a picture that is blank tells nothing."""

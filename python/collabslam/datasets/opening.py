@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
 
 from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
@@ -183,33 +182,30 @@ def open_recording(  # noqa: PLR0913 (each is an input of its own)
     InputError
         If topics, axes or sensors are something else.
     """
-    _check_kinds(topics, sensors := list(_each(sensors)), axes)
+    _check_names(topics, axes)
     camera, times, poses, mask = (None if p is None else Path(p) for p in (camera, times, poses, mask))
-    if depth_scale is not None and not 0.0 < depth_scale < np.inf:
+    if depth_scale is not None and not 0.0 < depth_scale < math.inf:
         raise DataError(f"The depth scale is {depth_scale}; give counts at one metre, above zero.")
     given = Given(camera, times, poses, dict(topics or {}), None, depth_scale, dict(axes or {}), mask=mask)
-    for one in sensors:
+    for one in _checked(sensors):
         given = replace(given, odometry=one) if isinstance(one, OdometryGiven) else replace(given, gyro=one)
     return open_given(Path(source), given)
 
 
-def _each(sensors: Iterable[OdometryGiven | GyroGiven]) -> Iterable[OdometryGiven | GyroGiven]:
-    if not isinstance(sensors, Iterable):
-        raise InputError(f"The sensors are a {type(sensors).__name__}; give a list of them.")
-    return sensors
+def _checked(sensors: Iterable[OdometryGiven | GyroGiven]) -> list[OdometryGiven | GyroGiven]:
+    found = list(sensors) if isinstance(sensors, Iterable) else [sensors]
+    for one in found:
+        if not isinstance(one, OdometryGiven | GyroGiven):
+            raise InputError(
+                f"A sensor is a {type(one).__name__}; give a list of OdometryGiven and GyroGiven."
+            )
+    return found
 
 
-def _check_kinds(
-    topics: Mapping[str, str] | None,
-    sensors: list[OdometryGiven | GyroGiven],
-    axes: Mapping[str, str] | None,
-) -> None:
+def _check_names(topics: Mapping[str, str] | None, axes: Mapping[str, str] | None) -> None:
     for what, given in (("topics", topics), ("axes", axes)):
         if given is not None and not isinstance(given, Mapping):
             raise InputError(f"The {what} are a {type(given).__name__}; give a mapping of names, or None.")
-    for one in sensors:
-        if not isinstance(one, OdometryGiven | GyroGiven):
-            raise InputError(f"A sensor is a {type(one).__name__}; give OdometryGiven or GyroGiven.")
     if unknown := set(axes or {}) - _AXES_OF:
         named = ", ".join(sorted(map(str, unknown)))
         raise InputError(f"There are no axes of {named}; axes are given of {' and '.join(sorted(_AXES_OF))}.")

@@ -27,7 +27,7 @@ pub(crate) struct Told<'a> {
 }
 
 /// Rows of the state, and their part in each mode.
-pub(crate) struct Rows<const R: usize> {
+pub(crate) struct ToldRows<const R: usize> {
     pub(crate) from: usize,
     parts: Vec<[f64; R]>,
 }
@@ -55,10 +55,10 @@ impl Told<'_> {
     }
 
     /// `R` rows of the state from `i` on with their part in each mode, to be read against many others.
-    pub(crate) fn rows<const R: usize>(&self, i: usize) -> Rows<R> {
+    pub(crate) fn rows<const R: usize>(&self, i: usize) -> ToldRows<R> {
         let p = &self.state.p;
         let parts = |k| std::array::from_fn(|r| p.get(i + r, k));
-        Rows {
+        ToldRows {
             from: i,
             parts: self.modes.clone().map(parts).collect(),
         }
@@ -67,8 +67,8 @@ impl Told<'_> {
     /// The block of these rows and columns.
     pub(crate) fn between<const R: usize, const C: usize>(
         &self,
-        rows: &Rows<R>,
-        columns: &Rows<C>,
+        rows: &ToldRows<R>,
+        columns: &ToldRows<C>,
     ) -> SMatrix<f64, R, C> {
         let parts = rows
             .parts

@@ -17,7 +17,7 @@ mod worn_clock;
 pub(crate) use considered::{Considered, Learned};
 pub(crate) use cov::Rest;
 pub use cov::{Covariance, LinearPart};
-pub(crate) use error_modes::Rows;
+pub(crate) use error_modes::ToldRows;
 pub(crate) use image::StateImage;
 pub(crate) use layout::InWorld;
 pub use layout::{Block, BlockKind, CAMERA_DIM, ErrorOwner, Layout, transferred_dim};

@@ -12,7 +12,7 @@ use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
 use crate::observe::{FEATURE_DIM, POSE_DIM};
 use crate::scale::by_state;
-use crate::state::{Block, BlockKind, LinearPart, Rows, State, transferred_dim};
+use crate::state::{Block, BlockKind, LinearPart, State, ToldRows, transferred_dim};
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector3};
 
 /// Largest relative error of a landmark's range with which it is taken down, or helps to find the camera.
@@ -204,7 +204,7 @@ fn edge(state: &State, then: &Block, transferred: &[usize]) -> Edge {
 /// A landmark's point from the camera, and its derivatives by the camera's pose and by the feature.
 struct VisibleLandmark {
     id: u64,
-    rows: Rows<FEATURE_DIM>,
+    rows: ToldRows<FEATURE_DIM>,
     point: Vector3<f64>,
     by_pose: SMatrix<f64, 3, POSE_DIM>,
     by_feature: SMatrix<f64, 3, FEATURE_DIM>,
