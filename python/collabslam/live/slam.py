@@ -101,7 +101,7 @@ class LiveSlam:
         self._questions: deque[Callable[[], None]] = deque()
         self._waiting: Counter[Queue] = Counter()
         self._lost: Counter[type] = Counter()
-        self._closing, self._flush = False, True
+        self._closing, self._flush, self._exits = False, True, False
         self._error: BaseException | None = None
         self._worker = threading.Thread(target=self._work, name="collabslam", daemon=True)
         self._worker.start()
@@ -245,7 +245,8 @@ class LiveSlam:
     def close(self, *, flush: bool = True) -> None:
         """Ends the thread, after all that waits was done, or at once without ``flush``.
 
-        In a callback, which the thread itself calls, it ends after that.  A program may end without it.
+        In a callback, which the thread itself calls, it ends after that.  A program may end without it; what
+        is pushed while it does is dropped.
 
         Raises
         ------
@@ -276,6 +277,8 @@ class LiveSlam:
     def _push(self, event: Event) -> None:
         kind, queue = type(event), self._queue(event)
         with self._change:
+            if self._exits:
+                return  # an error of a daemon thread would be printed while that can abort the process
             self._check_open()
             if self._waiting[queue] >= BOUNDS[kind]:
                 self._remove(next(e for e in self._events if self._queue(e) == queue))
@@ -352,6 +355,7 @@ class LiveSlam:
 def _end_all() -> None:
     """The interpreter ends: no thread may be in the filter when what it uses is taken away."""
     for live in list(_OPEN):
+        live._exits = True
         live._end(flush=False)
     for live in list(_OPEN):
         live._worker.join(LAST_FRAME)

@@ -112,4 +112,4 @@ if sys.argv[2] == "fed":
 def test_the_interpreter_may_end_while_it_is_open(frames: int, how: str) -> None:
     done = subprocess.run([sys.executable, "-c", OPEN, str(frames), how], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stderr == "" or how == "fed"  # who pushes is told that it is closed
+    assert done.stderr == ""
