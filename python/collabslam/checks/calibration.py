@@ -114,7 +114,8 @@ def check_calibration(
     worn = check_worn(with_views, robot)
     tell("lengths of the true poses beside those of T_CF, and depths")
     lengths = check_lengths(with_views, robot, worn.undo)
-    findings = robot.findings + worn.findings + lengths.findings + check_depth(recording, robot)
+    findings = robot.findings + worn.findings + lengths.findings
+    findings += check_depth(with_views, robot, worn.undo)
     notes = robot.notes + worn.notes + lengths.notes
     if with_views.free and robot.poses is None:
         notes.append(

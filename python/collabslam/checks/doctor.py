@@ -353,7 +353,10 @@ def _scale(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
             if _since_overlap(frames) > 0.3 * len(frames)
             else "in spite of overlap"
         )
-        yield f"The path's scale is off by {100 * scale:+.0f} % against the truth, {where}."
+        depth = (
+            " Its depths may be in another unit: see --depth-scale." if summary["start"] == "depth" else ""
+        )
+        yield f"The path's scale is off by {100 * scale:+.0f} % against the truth, {where}.{depth}"
 
 
 def _since_overlap(frames: Frames) -> int:

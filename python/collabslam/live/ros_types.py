@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 from collabslam.datasets.deep_range import RunningRange
-from collabslam.datasets.mosaic import mosaic_of
+from collabslam.datasets.mosaic import RunningMosaic
 from collabslam.datasets.ros.messages import extent_in, image_of, said_to_be_grey
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
@@ -43,7 +43,7 @@ class ImageTopic:
     """Images of a topic, one after the other.
 
     Cameras put 10 or 12 bits into pixels of 16 and do not say so: see `RunningRange`.  Whether they are
-    mosaics that do not say so, the first one tells.
+    mosaics that do not say so, the first ones tell: see `RunningMosaic`.
 
     Attributes
     ----------
@@ -55,16 +55,13 @@ class ImageTopic:
     def __init__(self, name: str) -> None:
         self.name, self.kind = name, image_kind(name)
         self._range = RunningRange()
-        self._first = True
-        self._mosaic: int | None = None
+        self._mosaic = RunningMosaic()
 
     def stamped(self, data: bytes) -> tuple[float, Image, str]:
         """Stamp (seconds), image (H, W) uint8 and frame of a message in CDR; raises DataError."""
         message = messages.decoded(self.kind, data)
-        if self._first:
-            grey = said_to_be_grey(message, self.name)
-            self._first, self._mosaic = False, mosaic_of([] if grey is None else [grey])
-        image = image_of(message, self.name, self._range.of(extent_in(message)), self._mosaic)
+        mosaic = self._mosaic.of(said_to_be_grey(message, self.name) if self._mosaic.asks else None)
+        image = image_of(message, self.name, self._range.of(extent_in(message)), mosaic)
         return messages.stamp_of(message), image, str(message.header.frame_id)
 
 

@@ -31,10 +31,15 @@ def test_depths_in_another_unit_are_named(monkeypatch: pytest.MonkeyPatch, facto
     def frame_of(i: int) -> Any:
         return SimpleNamespace(image=i, depth=DepthPoints(uvs[i] + 1.0, factor * points[:, 2], points[:, 2]))
 
+    def t_of(i: int, j: int) -> Any:
+        return np.linalg.inv(poses[i]) @ poses[j]
+
     class Stub:
-        has_depth = True
+        has_depth, worn_camera = True, CAMERA
         frame = staticmethod(frame_of)
         image = staticmethod(lambda i: i)
+        view = staticmethod(lambda i: SimpleNamespace(image=(i + 5) % COUNT, t_cf=t_of(i, (i + 5) % COUNT)))
+        moved = staticmethod(lambda i: np.eye(4))
 
         def __len__(self) -> int:
             return COUNT
@@ -42,6 +47,10 @@ def test_depths_in_another_unit_are_named(monkeypatch: pytest.MonkeyPatch, facto
     recording: Any = Stub()
     monkeypatch.setattr(depth, "describe", lambda image: image)
     monkeypatch.setattr(depth, "match_points", lambda a, b: Matches(uvs[a], uvs[b]))
-    found = depth.check_depth(recording, RobotReport(MirroredCamera(CAMERA), {1: 0.1}, poses=poses))
-    assert (said in found[0]) if said else found == []
-    assert depth.check_depth(recording, RobotReport(MirroredCamera(CAMERA))) == []
+    by_truth = RobotReport(MirroredCamera(CAMERA), {1: 0.1}, poses=poses)
+    by_t_cf = RobotReport(MirroredCamera(CAMERA))
+    for report, source in ((by_truth, "the true poses tell"), (by_t_cf, "T_CF tells")):
+        found = depth.check_depth(recording, report, None)
+        assert (said in found[0] and source in found[0]) if said else found == []
+    Stub.view = staticmethod(lambda i: None)
+    assert depth.check_depth(recording, by_t_cf, None) == []

@@ -18,6 +18,7 @@ from collabslam.datasets.depth_image import MILLIMETRES
 from collabslam.datasets.gate import listening
 from collabslam.datasets.image_header import read_header
 from collabslam.datasets.images import decode, decode_grey, used_range
+from collabslam.datasets.mosaic import RunningMosaic
 from collabslam.datasets.ros import messages
 from collabslam.datasets.ros.bag import Bag, BagImages
 from collabslam.errors import DataError
@@ -212,6 +213,20 @@ def test_a_mosaic_that_is_said_to_be_grey_is_known_by_its_neighbours(
     assert [fact.what for fact in facts].count("pixels") == 3
     for one in found:
         assert np.abs(one - wanted).mean() < 0.5 * np.abs(raw - wanted).mean()
+
+
+def test_a_streams_first_pictures_tell_whether_it_is_a_mosaic() -> None:
+    raw, blank, rough = (
+        mosaic(scene(), True),
+        np.full((HEIGHT, WIDTH), 7, np.uint8),
+        np.indices((HEIGHT, WIDTH)),
+    )
+    crossed = (60 * (rough.sum(0) % 2)).astype(np.uint8)  # one picture alone may look like one
+    running = RunningMosaic()
+    assert [running.of(one) for one in (blank, None, raw)] == [None, None, cv2.COLOR_BayerGB2GRAY]
+    running = RunningMosaic()
+    assert running.of(crossed) is not None
+    assert [running.of(picture(k)) for k in range(3)] == [None] * 3
 
 
 def test_what_is_grey_is_no_mosaic(tmp_path: Path) -> None:

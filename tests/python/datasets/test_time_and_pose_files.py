@@ -96,6 +96,22 @@ def test_stamps_of_which_most_cannot_be_used_are_refused(tmp_path: Path, texts: 
         open_recording(path, camera=path / "camera.yaml", times=tmp_path / "times")
 
 
+@pytest.mark.parametrize("each", [1, 2])
+def test_stamps_that_repeat_in_pairs_are_of_doubled_images_or_refused(tmp_path: Path, each: int) -> None:
+    path = folder(tmp_path / "a", [f"{k:02d}.png" for k in range(12)])
+    for k in range(12):
+        cv2.imwrite(str(path / f"{k:02d}.png"), np.full((48, 64), k // each, np.uint8))
+    (tmp_path / "times").write_text("".join(f"{0.1 * (k // 2):.1f}\n" for k in range(12)))
+    given = {"camera": path / "camera.yaml", "times": tmp_path / "times"}
+    if each == 1:
+        with pytest.raises(DataError, match=r"6 of the 12 frames .* digits of the stamps were cut off"):
+            open_recording(path, **given)
+        return
+    with listening() as facts:
+        assert open_recording(path, **given).left_out == 6
+    assert any("6 of 12 frames" in fact.value for fact in facts if fact.what == "passed over")
+
+
 def test_names_may_stand_before_their_times(tmp_path: Path) -> None:
     path = folder(tmp_path / "a", [f"{k}.png" for k in range(3)])
     (tmp_path / "times").write_text("file,t\n" + "\n".join(f"{k}.png,{2.0 - 0.05 * k}" for k in (2, 1, 0)))
