@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from collabslam.datasets.calibration import check_resolution, load_unmasked
@@ -17,6 +16,7 @@ from collabslam.datasets.ros.sensors import WornSensors, bag_sensors
 from collabslam.datasets.source import Source
 from collabslam.datasets.wrapped import OnlyPersons
 from collabslam.errors import DataError, SettingsError
+from collabslam.live.captures import Capture, OpenedDevice, OpenedStream
 from collabslam.live.core import GyroSample
 from collabslam.live.frame_source import CapturedImage, LiveCamera
 from collabslam.live.gyro_topic import GyroTopic
@@ -24,7 +24,7 @@ from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.playback import SensorPlayback
 from collabslam.live.sensed import SensorTaker
 from collabslam.live.wheels import WheelTopic
-from collabslam.types import Array, Image, Imu, ImuLog, Odometry, Recording, masks_of, worn_cameras
+from collabslam.types import Array, Imu, ImuLog, Odometry, Recording, masks_of, worn_cameras
 
 BROKEN = 30
 """So many reads running without an image end a camera."""
@@ -35,7 +35,7 @@ LEAD = 1.0
 
 
 class DeviceCamera:
-    """A camera that OpenCV opens: ``/dev/video0``, ``rtsp://...``, any URL of a video stream.
+    """A camera that comes alone: ``/dev/video0``, or a stream by its address, ``rtsp://...``.
 
     An image's time is the one at which it was handed over: how long camera and driver had it is not known.
 
@@ -43,6 +43,11 @@ class DeviceCamera:
     ----------
     source : str
     calibration : Path
+
+    Raises
+    ------
+    DataError
+        If it cannot be opened.
     """
 
     t_bc = None
@@ -51,13 +56,9 @@ class DeviceCamera:
     def __init__(self, source: str, calibration: Path) -> None:
         self.name, self.camera, self.clock = "camera", load_unmasked(calibration), MonotonicClock()
         self._source = source
-        number = source.removeprefix("/dev/video")
-        self._capture = cv2.VideoCapture(int(number)) if number.isdigit() else cv2.VideoCapture(source)
-        if not self._capture.isOpened():
-            raise DataError(f"The camera {source} cannot be opened; is it there, and not in use by another?")
-        self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, self.camera.width)
-        self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self.camera.height)
-        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        self._capture: Capture = (
+            OpenedStream(source) if "://" in source else OpenedDevice(source, self.camera)
+        )
 
     def begin(self) -> None:
         """The clock runs since the camera was opened."""
@@ -76,22 +77,18 @@ class DeviceCamera:
         failed = 0
         try:
             while not ended():
-                there = self._capture.grab()
-                t = self.clock.now()
-                there, image = self._capture.retrieve() if there else (False, None)
-                failed = 0 if there else failed + 1
+                found = self._capture.read()
+                failed = 0 if found is not None else failed + 1
                 if failed >= BROKEN:
                     raise DataError(
                         f"The camera {self._source} delivers no more images; check its cable or link."
                     )
-                if image is not None and there:
-                    grey: Image = np.asarray(
-                        image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8
-                    )
+                if found is not None:
+                    t, grey = found
                     check_resolution(self.camera, grey, f"of {self._source}")
-                    yield CapturedImage(t, grey)
+                    yield CapturedImage(self.clock.now() - (time.monotonic() - t), grey)
         finally:
-            self._capture.release()
+            self._capture.close()
 
 
 class RecordingPlayback:
