@@ -20,8 +20,8 @@ STATUS_EVERY, MAP_EVERY, VIEW_EVERY = 0.5, 2.0, 0.3
 """Seconds between two messages of a kind."""
 SILENT = 2.0
 """Seconds without an image of a device after which its status is stale."""
-VIEW_WIDTH = 480
-"""Pixels of the picture for whoever watches."""
+VIEW_WIDTH, WIDEST = 480, 4 * 480
+"""Pixels across of Cs in the picture for whoever watches, and of a Cf beside it at most."""
 _USED, _UNUSED, _BOTH = (80, 200, 80), (60, 60, 220), (40, 170, 255)
 
 
@@ -185,7 +185,8 @@ def view_picture(pose: LivePose, cameras: Mapping[str, Camera] | None = None) ->
             continue
         right = cv2.cvtColor(views[name], cv2.COLOR_GRAY2BGR)
         scale_f = height / right.shape[0]
-        right = cv2.resize(right, (round(scale_f * right.shape[1]), height), interpolation=cv2.INTER_AREA)
+        size = (_across(right.shape[1], right.shape[0], height), height)
+        right = cv2.resize(right, size, interpolation=cv2.INTER_AREA)
         if name:
             _write(right, name, _BOTH)
         picture = np.concatenate([picture, right], axis=1)
@@ -197,9 +198,14 @@ def view_picture(pose: LivePose, cameras: Mapping[str, Camera] | None = None) ->
 
 def _empty(name: str, camera: Camera, height: int) -> Any:
     """The place of a worn camera whose view was not used in a frame."""
-    place = np.full((height, round(height / camera.height * camera.width), 3), 48, np.uint8)
+    place = np.full((height, _across(camera.width, camera.height, height), 3), 48, np.uint8)
     _write(place, f"{name}: no view in this frame" if name else "no view in this frame", (200, 200, 200))
     return place
+
+
+def _across(width: int, height: int, shown: int) -> int:
+    """Pixels across of a picture that is shown so high, whatever its shape."""
+    return min(max(round(shown / height * width), 1), WIDEST)
 
 
 def _write(picture: Any, text: str, colour: tuple[int, int, int]) -> None:

@@ -33,6 +33,8 @@ SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 GYRO = "cs_gyro"
 """The frame of the rates that a record keeps."""
 
+MOST_TOLD, MOST_ASPECT = 1 << 23, 8.0
+"""Pixels of a calibration that a device tells (4k is less), and how many times one side is the other."""
 FARTHEST = 2.0**31
 """Seconds before which stamps are."""
 _CLOUD_FIELDS = ("x", "y", "z", "sd")
@@ -117,6 +119,24 @@ def camera_info(t: float, frame: str, camera: Camera) -> bytes:
 def camera_from(data: bytes, where: str, topic: str = "") -> Camera:
     """The calibration of a CameraInfo for the images of a topic; raises DataError."""
     return camera_of(decoded(CAMERA_INFO, data), where, topic)
+
+
+def told_camera(data: bytes, device: str) -> Camera:
+    """The calibration that a device tells of itself: what its pictures then cost is bounded by it.
+
+    Raises
+    ------
+    DataError
+        If it is none, or of a larger picture than a device sends.
+    """
+    camera = camera_from(data, f"the device {device}")
+    long, short = max(camera.width, camera.height), min(camera.width, camera.height)
+    if long * short > MOST_TOLD or long > MOST_ASPECT * short:
+        raise DataError(
+            f"The device {device} tells a calibration of {camera.width} x {camera.height} pixels; give it "
+            "with --worn-camera FILE."
+        )
+    return camera
 
 
 def pose(t: float, frame: str, matrix: Array, covariance: Array) -> bytes:

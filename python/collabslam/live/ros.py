@@ -142,7 +142,7 @@ class RosNode:
         self._wheels = topics.wheels
         self._worn = {name: RosWorn(name, of, self._tree, self._push) for name, of in topics.worn.items()}
         check_own(self._worn)
-        images = ImageTopic(topics.cs)
+        self._images = images = ImageTopic(topics.cs)
         takes: list[Take] = [
             (topics.cs_info, messages.CAMERA_INFO, self._calibration),
             (images.name, images.kind, partial(self._robot, images)),
@@ -170,6 +170,7 @@ class RosNode:
     def _calibration(self, data: bytes) -> None:
         if self._camera is None:
             self._camera = messages.camera_from(data, "CameraInfo of Cs", self._topics.cs)
+            self._images.camera = self._camera
             self._info_frame = str(messages.decoded(messages.CAMERA_INFO, data).header.frame_id)
             self._begin()
 
@@ -177,6 +178,7 @@ class RosNode:
         if name not in self._worn_cameras:
             where, images = f"CameraInfo of Cf {name}".rstrip(), self._topics.worn[name].images
             self._worn_cameras[name] = messages.camera_from(data, where, images)
+            self._worn[name].images.camera = self._worn_cameras[name]
             self._begin()
 
     def _begin(self) -> None:

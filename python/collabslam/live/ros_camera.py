@@ -113,7 +113,7 @@ class RosCamera:
         except BaseException:
             self._close()
             raise
-        self.camera = self._cameras[0]
+        self.camera = self._topic.camera = self._cameras[0]
 
     def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
         """Sensors, too, as topics of the same ROS."""

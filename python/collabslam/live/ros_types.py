@@ -6,11 +6,15 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
+from collabslam._core import Camera
+from collabslam.datasets.calibration import check_size
 from collabslam.datasets.deep_range import RunningRange
+from collabslam.datasets.image_header import read_header
 from collabslam.datasets.mosaic import RunningMosaic
 from collabslam.datasets.ros.messages import extent_in, image_of, said_to_be_grey
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
+from collabslam.live.decoding import PASSES
 from collabslam.types import Image
 
 
@@ -50,19 +54,34 @@ class ImageTopic:
     name : str
     kind : str
         Type of its messages.
+    camera : Camera or None
+        That takes them, once it is known: a compressed picture of another size is then not decoded.
     """
 
     def __init__(self, name: str) -> None:
         self.name, self.kind = name, image_kind(name)
+        self.camera: Camera | None = None
         self._range = RunningRange()
         self._mosaic = RunningMosaic()
 
     def stamped(self, data: bytes) -> tuple[float, Image, str]:
         """Stamp (seconds), image (H, W) uint8 and frame of a message in CDR; raises DataError."""
         message = messages.decoded(self.kind, data)
+        if self.kind == messages.COMPRESSED:
+            self._check(message.data.tobytes())
         mosaic = self._mosaic.of(said_to_be_grey(message, self.name) if self._mosaic.asks else None)
         image = image_of(message, self.name, self._range.of(extent_in(message)), mosaic)
         return messages.stamp_of(message), image, str(message.header.frame_id)
+
+    def _check(self, picture: bytes) -> None:
+        """Raises DataError for a picture that costs more than one of its camera, before it is decoded."""
+        header = read_header(picture)
+        if header is None:
+            return  # as the decoder says it
+        if header.passes > PASSES:
+            raise DataError(f"A picture on {self.name} has {header.passes} scans; send at most {PASSES}.")
+        if self.camera is not None:
+            check_size(self.camera, (header.width, header.height), f"on {self.name}")
 
 
 def subscribe(

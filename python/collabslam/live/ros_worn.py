@@ -58,6 +58,8 @@ class RosWorn:
 
     Attributes
     ----------
+    images : ImageTopic
+        Where its images come.
     takes : list of `Take`
         What is to be heard besides CameraInfo and tf.
     own : list of str
@@ -79,8 +81,8 @@ class RosWorn:
         self._pairing = Pairing()
         self._tf: WaitingStamps | None = None
         self._sensed: SensedPoses | None = None
-        self._images = ImageTopic(topics.images)
-        self.takes: list[Take] = [(self._images.name, self._images.kind, self._image)]
+        self.images = ImageTopic(topics.images)
+        self.takes: list[Take] = [(self.images.name, self.images.kind, self._image)]
         self.own = [topics.images]
         if topics.t_cf == TF:
             if topics.t_cf_sd is None:
@@ -111,7 +113,7 @@ class RosWorn:
             self._give(self._pairing.pose(*known))
 
     def _image(self, data: bytes) -> None:
-        stamp, image, frame = self._images.stamped(data)
+        stamp, image, frame = self.images.stamped(data)
         self._give(self._pairing.image(self._session, stamp, image))
         if self._tf is not None:
             self._tf.add(stamp, frame)

@@ -238,7 +238,7 @@ class Uplink:
             device.clock.add(exchange)
             return [partial(self._give, ClockReading(session, exchange))]
         if part == names.CAMERA_INFO:
-            device.camera = messages.camera_from(payload, f"the device {name}")
+            device.camera = messages.told_camera(payload, name)
             self._told.set()
             return []
         if part == names.OWN:

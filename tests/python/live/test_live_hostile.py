@@ -143,6 +143,20 @@ def test_a_session_has_an_alphabet(start: str) -> None:
     assert up.said()["last refusal"].isprintable()
 
 
+@pytest.mark.parametrize(
+    ("size", "heard"),
+    [((3840, 2160), True), ((64, 512), True), ((65535, 1), False), ((8, 65), False), ((16384, 16384), False)],
+)
+def test_what_a_device_tells_of_its_pictures_is_bounded(size: tuple[int, int], *, heard: bool) -> None:
+    """The robot decodes, keeps and shows pictures of that size: 65535 x 1 was one of 14 GB for the pages."""
+    up, _ = listening()
+    camera = Camera("pinhole", *size, (max(size), max(size), size[0] / 2, size[1] / 2))
+    up.take(names.key("eve", names.CAMERA_INFO), messages.camera_info(0.0, "", camera))
+    assert list(up.calibrations(["eve"], 0.0)) == ["eve"] * heard
+    assert up.counts() == ({} if heard else {"malformed": 1})
+    assert heard or "--worn-camera FILE" in up.said()["last refusal"]
+
+
 def test_only_devices_of_the_keys_are_listened_to() -> None:
     events: list[Event] = []
     up = Uplink(events.append, lambda: 7.0, devices=["anna"])

@@ -8,6 +8,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -20,7 +21,7 @@ from helpers.gyro import R_CI, of_clip
 from helpers.rosless import Node, stand_in
 from helpers.waiting import until
 
-from collabslam import SettingsError
+from collabslam import Camera, SettingsError
 from collabslam.cli import live_ros, ros_parameters
 from collabslam.datasets.imu.description import ImuFile
 from collabslam.datasets.odometry import mounted
@@ -386,3 +387,24 @@ def test_what_the_package_names_is_there() -> None:
         shown = set(re.findall(r"/collabslam/\w+", path.read_text()))
         assert shown
         assert shown <= topics
+
+
+@pytest.mark.parametrize("topic", ["/cs/compressed", "/cf/compressed"])
+@pytest.mark.parametrize(("size", "scans"), [((480, 640), 1), ((48, 64), 17)])
+def test_compressed_pictures_are_of_the_calibration(
+    topic: str, size: tuple[int, int], scans: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """None other is decoded: frames of Cs would wait for it."""
+    node: Any = Node()
+    worn = {"": WornTopics("/cf/compressed", "/cf_info", "/t_cf")}
+    running = RosNode(node, RosTopics("/cs/compressed", "/cs_info", worn), Settings.default())
+    camera = Camera("pinhole", 64, 48, (50.0, 50.0, 32.0, 24.0))
+    for info in ("/cs_info", "/cf_info"):
+        node.takes[info](messages.camera_info(0.0, "c", camera))
+    monkeypatch.setattr("collabslam.datasets.images._decoded", lambda *_: pytest.fail("it is decoded"))
+    picture = bytes(cv2.imencode(".jpg", np.zeros(size, np.uint8))[1])
+    scan = picture[picture.index(b"\xff\xda") : -2]
+    picture = picture[:-2] + scan * (scans - 1) + picture[-2:]
+    node.takes[topic](messages.compressed_image(1.0, "c", picture))
+    assert running._refused == 1
+    running.close()
