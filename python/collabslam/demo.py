@@ -7,6 +7,7 @@ from typing import Any
 
 from collabslam.extras import drawing
 from collabslam.formats.files import try_place
+from collabslam.runs.busy import busy
 from collabslam.runs.folder import is_result_folder, numbered
 from collabslam.runs.plan import Output
 from collabslam.runs.progress import Progress
@@ -74,11 +75,13 @@ def run_demo(
             from collabslam.viz.plot import plot_comparison
 
             labels = {f"{mode} ({_CAPTIONS[mode]})": result for mode, result in results.items()}
-            plot_comparison(labels, out / COMPARISON, title=_TITLE)
-            if animation is not None:
-                from collabslam.viz.animation import animate
+            with busy("drawing both ways") as tell:
+                plot_comparison(labels, out / COMPARISON, title=_TITLE)
+                if animation is not None:
+                    from collabslam.viz.animation import animate
 
-                animate(held, labels, animation)
+                    tell("drawing the moving picture")
+                    animate(held, labels, animation)
     medians = {mode: median_summary(summaries) for mode, summaries in runs.items()}
     if len(seeds) > 1:
         write_summary(out / "medians.json", medians)

@@ -26,6 +26,7 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.datasets.ros.bag import Bag, is_bag
     from collabslam.datasets.ros.sensors import ESTIMATED, bag_sensors, read_sensors
     from collabslam.errors import DataError
+    from collabslam.runs.busy import busy
     from collabslam.worn_pose import calibrate_person
 
     source = (arguments.topics or {}).get("t_cf", "")
@@ -34,11 +35,15 @@ def main(arguments: argparse.Namespace) -> int:
             "A person is calibrated from a bag with laser scans and attitudes; give it with --topics "
             "cs=TOPIC,cf=TOPIC,t_cf=sensors:FILE."
         )
-    recording = options.source_of(arguments).open()
-    with Bag(arguments.source) as bag:
-        sensors = bag_sensors(bag, read_sensors(Path(source.removeprefix(ESTIMATED))))
-    estimates = sensors.estimates(recording.times)
-    fit = calibrate_person(sensors.config.person, estimates, *board_poses(recording, arguments.board))
+    with busy("reading the recording") as tell:
+        recording = options.source_of(arguments).open()
+        with Bag(arguments.source) as bag:
+            sensors = bag_sensors(bag, read_sensors(Path(source.removeprefix(ESTIMATED))))
+        tell("where scans and attitudes have the worn camera")
+        estimates = sensors.estimates(recording.times)
+        tell("looking for the board in both cameras")
+        poses, covariances = board_poses(recording, arguments.board)
+    fit = calibrate_person(sensors.config.person, estimates, poses, covariances)
     ahead, left, up = (100.0 * x for x in fit.correction)
     print(f"# {fit.used} of {fit.given} frames fit; from where it was thought to be, the neck is")
     print(f"# {ahead:.1f} cm ahead, {left:.1f} cm to the left, {up:.1f} cm up")

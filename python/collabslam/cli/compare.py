@@ -46,7 +46,9 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _draw(runs: dict[str, RunResult], path: Path) -> None:
+    from collabslam.runs.busy import busy
     from collabslam.viz.plot import plot_comparison
 
-    plot_comparison(runs, path, title=" and ".join(runs))
+    with busy("drawing both ways"):
+        plot_comparison(runs, path, title=" and ".join(runs))
     print(f"  the picture is {path}")

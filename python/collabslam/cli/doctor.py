@@ -18,16 +18,17 @@ def main(arguments: argparse.Namespace) -> int:
     """Print a sentence for each thing that went wrong; the status is 1 where the run is not to be trusted."""
     from collabslam.checks.doctor import diagnose
     from collabslam.errors import CollabslamError, DataError
+    from collabslam.runs.busy import busy
     from collabslam.runs.results import FRAMES, SUMMARY
     from collabslam.runs.run_folder import RunFolder
     from collabslam.runs.summary import is_trusted
     from collabslam.runs.whole import read_whole
 
     run = RunFolder(arguments.run)
-    summary = read_whole(run.path).summary
     try:
-        with warnings.catch_warnings():
+        with busy("reading the run"), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # columns may be empty throughout
+            summary = read_whole(run.path).summary
             found = diagnose(run)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, CollabslamError):

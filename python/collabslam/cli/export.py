@@ -97,11 +97,15 @@ def main(arguments: argparse.Namespace) -> int:
 def _write_model(run: RunFolder, arguments: argparse.Namespace, *, level: bool) -> int:
     """Poses and points, as loops correct them, in a folder of their own."""
     from collabslam.datasets import open_recording
+    from collabslam.runs.busy import busy
     from collabslam.runs.model_folder import write_model
 
     recording = None
-    if arguments.images is not None:
-        recording = open_recording(arguments.images, camera=arguments.camera)
-    poses, points = write_model(run, arguments.out, arguments.format, level=level, recording=recording)
+    with busy("writing the model") as tell:
+        if arguments.images is not None:
+            tell("reading the recording")
+            recording = open_recording(arguments.images, camera=arguments.camera)
+            tell("writing the model and its images")
+        poses, points = write_model(run, arguments.out, arguments.format, level=level, recording=recording)
     print(f"{poses} poses and {points} landmarks are in {arguments.out}")
     return OK

@@ -85,6 +85,7 @@ def main(arguments: argparse.Namespace) -> int:
 def _calibration(arguments: argparse.Namespace) -> tuple[str, bool]:
     """What to write of the camera, and whether it is known and not guessed."""
     from collabslam.datasets.pictures import open_pictures
+    from collabslam.runs.busy import busy
 
     source: Path = arguments.source
     given = options.source_of(arguments).given
@@ -92,7 +93,8 @@ def _calibration(arguments: argparse.Namespace) -> tuple[str, bool]:
         return _from_board(arguments, open_pictures(source, given)), True
     pictures = None if arguments.camera else open_pictures(source, given, only_uncalibrated=True)
     if pictures is None:
-        return _text(options.source_of(arguments).open().camera, f"Camera Cs of {source}"), True
+        with busy("reading the recording"):
+            return _text(options.source_of(arguments).open().camera, f"Camera Cs of {source}"), True
     return _guess(pictures, phone=arguments.phone), False
 
 
@@ -111,9 +113,10 @@ def _gyroscope(arguments: argparse.Namespace) -> str | None:
 
     from collabslam.checks.gyroscope import check_gyroscope
     from collabslam.datasets.imu.description import mapping
+    from collabslam.runs.busy import busy
 
-    source = options.source_of(arguments)
-    report = check_gyroscope(source.open())
+    with busy("turns of the images beside the gyroscope's"):
+        report = check_gyroscope(options.source_of(arguments).open())
     if report is None:
         return None
     told = "mount and clock are those that fit the images"

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 
 from collabslam.cli import OK, options
-from collabslam.cli.live_robot import draw, report
+from collabslam.cli.drawn import draw
+from collabslam.cli.live_robot import report
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -25,8 +26,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Run it and say what came out."""
     from collabslam.live.replay import replay
+    from collabslam.runs.busy import busy
 
-    summary = replay(arguments.record, arguments.out, overwrite=arguments.overwrite)
+    with busy("going through the record"):
+        summary = replay(arguments.record, arguments.out, overwrite=arguments.overwrite)
     print(report(summary))
     draw(Path(summary["folder"]))
     return OK

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from collabslam.cli import OK, options
+from collabslam.cli.drawn import draw
 from collabslam.cli.live_options import add_camera, add_link, add_wheels, wheels_of
 from collabslam.settings.modes import MODES
 
@@ -81,6 +82,7 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.live import link
     from collabslam.live.cameras import open_camera
     from collabslam.live.robot import RobotNode, RobotOptions
+    from collabslam.runs.busy import busy
 
     keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
     default = "127.0.0.1" if keys is None else "0.0.0.0"
@@ -101,26 +103,14 @@ def main(arguments: argparse.Namespace) -> int:
         overwrite=arguments.overwrite,
         resume=arguments.resume,
     )
-    camera = open_camera(
-        arguments.source, arguments.camera, arguments.topics, wheels_of(arguments), options.gyro_of(arguments)
-    )
+    wheels, gyro = wheels_of(arguments), options.gyro_of(arguments)
+    with busy("opening the camera"):
+        camera = open_camera(arguments.source, arguments.camera, arguments.topics, wheels, gyro)
     with link.open_robot(address, keys) as session:
         summary = RobotNode(session, camera, asked).run()
     print(report(summary))
     draw(Path(summary["folder"]))
     return OK
-
-
-def draw(folder: Path) -> None:
-    """The picture of a live run, from what it has written."""
-    from collabslam.extras import drawing
-    from collabslam.runs.read_back import read_run
-    from collabslam.runs.results import PICTURE
-
-    if drawing():
-        from collabslam.viz.plot import plot_run
-
-        plot_run(read_run(folder), folder / PICTURE)
 
 
 def device_names(text: str) -> tuple[str, ...]:

@@ -49,12 +49,14 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.live.sending import send_all, send_sensors
     from collabslam.live.status_line import StatusLine
     from collabslam.live.worn import WornDevice
+    from collabslam.runs.busy import busy
 
     keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
     address = link.Address.parse(arguments.robot)
     sensors = None if arguments.sensors is None else read_sensors(arguments.sensors)
     name = arguments.name or (keys.name if keys is not None else "worn")
-    camera = open_camera(arguments.source, arguments.camera, arguments.topics)
+    with busy("opening the camera"):
+        camera = open_camera(arguments.source, arguments.camera, arguments.topics)
     calibration = camera.camera
     if isinstance(camera, RecordingPlayback):
         camera.clock = MonotonicClock()

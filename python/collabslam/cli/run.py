@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from collabslam.cli import INTERRUPTED, NOT_TRUSTED, OK, TERMINATED, options
+from collabslam.cli.drawn import draw
 from collabslam.errors import CollabslamError, SettingsError
 from collabslam.settings.modes import MODES, STARTS
 
@@ -181,14 +182,8 @@ def _told(go: Callable[[], RunResult], arguments: argparse.Namespace) -> int:
 
 
 def _show(result: RunResult, arguments: argparse.Namespace) -> int:
-    from collabslam.extras import drawing
-    from collabslam.runs.results import PICTURE
-
     folder = result.folder or Path()
-    if drawing():
-        from collabslam.viz.plot import plot_run
-
-        plot_run(result, folder / PICTURE)
+    draw(folder, lambda _: result)
     if arguments.save_map is not None and not len(result.landmarks.ids):
         print(f"collabslam: warning: there is no map, {arguments.save_map} is not written.", file=sys.stderr)
     return _report(result.summary, folder)

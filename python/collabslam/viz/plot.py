@@ -20,7 +20,7 @@ from matplotlib.patches import Ellipse
 
 from collabslam.evaluation.record import RunRecord
 from collabslam.formats.files import write_bytes
-from collabslam.types import Array, Mask
+from collabslam.types import Array, Indices, Mask
 
 if TYPE_CHECKING:
     from collabslam.evaluation.scoring import AlignedTruth
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 TRUTH, WORN, POINTS, LOOPS, PERSONS = "#1b1b1b", "#f2b134", "#8a94a0", "#2a9d6f", "#b97f0a"
 COLOURS = {"mono": "#d1495b", "mono-undelayed": "#b5651d", "collab-init": "#6a8d3a", "collab": "#1d6fa5",
            "collab-tight": "#5b3a8e"}  # fmt: skip
-NOT_OK = {"DEGRADED": "#e08e0b", "COASTING": "#6a737d", "LOST": "#c1121f"}
+NOT_OK = {"NOT_STARTED": "#b4bcc4", "DEGRADED": "#e08e0b", "COASTING": "#6a737d", "LOST": "#c1121f"}
 """Colour of each status that is not OK."""
 _OTHERS = ("#2a6f97", "#bc4b51", "#5b8e7d", "#7d4f9e", "#b5651d")
 """Of runs whose modes are the same."""
@@ -97,7 +97,7 @@ def _canvas(size: tuple[float, float], title: str, told: str) -> tuple[Figure, A
     figure = Figure(figsize=size, dpi=100)
     figure.suptitle(title, fontsize=14, fontweight="bold", y=0.985)
     figure.text(0.5, 0.932, told, ha="center", fontsize=10.5, color="#57606a")
-    top, bottom = figure.add_axes((0.075, 0.43, 0.905, 0.48)), figure.add_axes((0.075, 0.085, 0.905, 0.265))
+    top, bottom = figure.add_axes((0.075, 0.465, 0.905, 0.445)), figure.add_axes((0.075, 0.08, 0.905, 0.255))
     for axes in (top, bottom):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(color="#e6e8eb", linewidth=0.7)
@@ -107,12 +107,14 @@ def _canvas(size: tuple[float, float], title: str, told: str) -> tuple[Figure, A
 
 def _told(summary: Mapping[str, Any]) -> str:
     """A run in a sentence: how far it went, how far off it was or how sure it is."""
-    unit = "m" if summary["metric"] else "units of its own"
+    unit = "m" if summary["metric"] else "arbitrary units"
     if summary.get("start_frame", 0) is None:
         return f"The filter never started in {summary['frames']} frames."
     length = f"{summary['path_length_m']:.1f} {unit}" if summary.get("path_length_m") else "no way known"
     text = f"Seen from above: {length} in {summary['frames']} frames"
-    return f"{text}{_verdict(summary)}."
+    sd, off = summary.get("position_sd_final_m"), _verdict(summary)
+    sure = f", at the end known to {sd:.2f} {unit} (1 sigma)" if isinstance(sd, float) and not off else ""
+    return f"{text}{off or sure}."
 
 
 def _verdict(summary: Mapping[str, object]) -> str:
@@ -137,13 +139,28 @@ def _path(axes: Axes, record: RunRecord, colour: str, label: str, *, ends: bool)
     valid = np.flatnonzero(use)
     if len(valid):
         covariances = position_covariances(record)
-        for i in np.unique(valid[np.linspace(0, len(valid) - 1, _ELLIPSES).astype(int)]):
+        some = valid[np.linspace(0, len(valid) - 1, _ELLIPSES).astype(int)]
+        for i in _apart(some, shown, covariances):
             _ellipse(axes, shown[i], covariances[i], colour)
-        for at, what, fill in ((valid[0], "start", "none"), (valid[-1], "end", "full")):
+        for at, what, fill, below in ((valid[0], "start", "none", 9), (valid[-1], "end", "full", -15)):
             z, x = float(shown[at, 2]), float(shown[at, 0])
             axes.plot(z, x, "o", markersize=7, color=colour, fillstyle=fill, zorder=5)
             if ends:
-                axes.annotate(what, (z, x), (4, 9), textcoords="offset points", fontsize=9, zorder=7)
+                axes.annotate(what, (z, x), (4, below), textcoords="offset points", fontsize=9, zorder=7)
+
+
+def _apart(frames: Indices, positions: Array, covariances: Array) -> list[int]:
+    """The last of some frames, and backwards each that lies outside the ellipses of those taken."""
+    taken: list[int] = []
+    for i in reversed(np.unique(frames).tolist()):
+        offsets = [positions[i, [2, 0]] - positions[j, [2, 0]] for j in taken]
+        spreads = [covariances[j][np.ix_([2, 0], [2, 0])] for j in taken]
+        if all(
+            float(off @ np.linalg.pinv(spread) @ off) > SIGMAS**2
+            for off, spread in zip(offsets, spreads, strict=True)
+        ):
+            taken.append(i)
+    return taken
 
 
 def _ellipse(axes: Axes, centre: Array, covariance: Array, colour: str) -> None:
@@ -257,16 +274,10 @@ def _errors(axes: Axes, record: RunRecord, truth: AlignedTruth | None, colour: s
         error = position_errors(record, truth)
         axes.plot(t, error, color=colour, linewidth=2.0, label=f"{of}error", zorder=3)
     statuses = np.array(record.statuses, dtype=object)
+    style: dict[str, Any] = {"marker": "|", "markersize": 9, "linewidth": 0, "clip_on": False, "zorder": 6}
     for status, shade in NOT_OK.items():
-        at = t[(statuses == status) & record.started]
+        at = t[statuses == status]
         if len(at):
-            style: dict[str, Any] = {
-                "marker": "|",
-                "markersize": 9,
-                "linewidth": 0,
-                "clip_on": False,
-                "zorder": 6,
-            }
             axes.plot(at, np.zeros(len(at)), color=shade, label=f"{of}{status}", **style)
 
 
@@ -306,14 +317,15 @@ def _dress_errors(axes: Axes, runs: list[RunResult]) -> None:
     top = highest if largest == 0.0 else min(highest, _MOST_BAND * largest)
     top = max(1.15 * largest, 1.08 * top)
     axes.set_ylim(0.0, top if top > 0.0 else None)
-    if highest > top > 0.0:
+    if highest > 1.05 * top > 0.0:
         note = f"3 sigma goes up to {highest:.2g} {unit}"
         axes.text(0.995, 0.96, note, transform=axes.transAxes, ha="right", va="top", fontsize=9)
-    axes.margins(x=0.0)
+    longest = max((float(np.ptp(run.record.times)) for run in runs if len(run.record)), default=0.0)
+    axes.set_xlim(0.0, longest or 1.0)
     axes.set_xlabel("time (s)")
     axes.set_ylabel(f"position error ({unit})" if largest > 0.0 else f"3 sigma of the position ({unit})")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left", fontsize=9, ncols=3, framealpha=0.9)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=9, ncols=5, frameon=False)
 
 
 def _save(figure: Figure, path: Path) -> None:

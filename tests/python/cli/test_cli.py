@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import re
 import subprocess
@@ -457,3 +458,23 @@ def test_medians_are_over_the_runs_that_have_the_number() -> None:
     runs = [{**base, "x": 1.0}, {**base, "x": 5.0}, {**base, "x": None}]
     assert median_summary(runs)["x"] == 3.0
     assert median_summary(runs)["frames"] == 3
+
+
+def test_no_recording_is_opened_without_a_word() -> None:
+    """It may take long: wherever a command opens one, or draws, it says so after a moment."""
+    for path in Path(str(options.__file__)).parent.glob("*.py"):
+        tree = ast.parse(path.read_text())
+        told = {
+            inner
+            for node in ast.walk(tree)
+            if isinstance(node, ast.With) and any("busy(" in ast.unparse(item) for item in node.items)
+            for inner in ast.walk(node)
+        }
+        for node in ast.walk(tree):
+            name = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+            opens = (name.endswith(".open") and name != "os.open") or name in (
+                "open_recording",
+                "open_camera",
+            )
+            if opens or name.startswith("plot_"):
+                assert node in told, f"{path.name}:{node.lineno}"

@@ -19,6 +19,7 @@ from collabslam import DataError, Slam
 from collabslam.results import FEATURE_STATES
 from collabslam.runs import runner
 from collabslam.viz.animation import animate, shaded
+from collabslam.viz.plot import _apart
 from collabslam.viz.rerun_log import COLOURS, SURE, UNSURE, RerunLog, by_sd
 
 RERUN = str(Path(sys.executable).parent / "rerun")
@@ -51,6 +52,13 @@ def test_rerun_reads_the_recording(clip: Clip, tmp_path: Path) -> None:
                    "/world/cs/image/matches", "/cf/image/matches",
                    "/curves/status/status", "/curves/time/ms_total"):  # fmt: skip
         assert f"{entity}:" in listing
+
+
+def test_ellipses_of_the_way_do_not_hide_each_other() -> None:
+    positions, covariances = np.zeros((9, 3)), np.tile(0.01 * np.eye(3), (9, 1, 1))  # 3 sigma: 0.3 m
+    positions[:, 2] = 0.11 * np.arange(9)
+    assert _apart(np.arange(9), positions, covariances) == [8, 5, 2]
+    assert _apart(np.arange(9), np.zeros((9, 3)), covariances) == [8]
 
 
 def test_a_landmark_is_as_red_as_it_is_unsure() -> None:
