@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from collabslam.errors import DataError, SettingsError
 from collabslam.extras import needs
-from collabslam.formats.files import read_text, write_bytes, write_text
+from collabslam.formats.files import read_bytes, read_text, write_bytes, write_text
 from collabslam.live.names import device_name
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ AUTHORITY, AUTHORITY_KEY, CERTIFICATE, KEY, DEVICES = (
 )
 """Files: the authority's certificate is in every folder, its key only where the keys are made."""
 YEARS = 10
+MOST_BYTES = 1 << 20
+"""Of a file of keys."""
 LOCAL = ("localhost", "127.0.0.1", "::1")
 _LABEL = "[A-Za-z0-9]([A-Za-z0-9_-]{0,61}[A-Za-z0-9])?"
 _HOST = re.compile(rf"(?=.{{1,253}}\Z){_LABEL}(\.{_LABEL})*")
@@ -57,10 +59,12 @@ class Keys:
         Raises
         ------
         DataError
-            If files are missing or broken, or the certificate's time is over.
+            If files are missing, broken or do not belong together, or it is not the certificate's time: the
+            other end would refuse them without a word.
         """
         with needs("live"):
             from cryptography import x509
+            from cryptography.exceptions import InvalidSignature
         missing = [n for n in (AUTHORITY, CERTIFICATE, KEY) if not (folder / n).is_file()]
         if missing:
             raise DataError(
@@ -68,18 +72,33 @@ class Keys:
                 "which 'collabslam live keys' makes below its own."
             )
         try:
-            certificate = x509.load_pem_x509_certificate(read_text(folder / CERTIFICATE).encode())
+            certificate, authority = (_certificate(folder / name) for name in (CERTIFICATE, AUTHORITY))
+            key = _private(folder / KEY)
             common = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
             name = str(common[0].value)
             names = read_text(folder / DEVICES).split() if (folder / DEVICES).is_file() else []
             devices = list(map(device_name, names))
             if name != ROBOT:
                 device_name(name)
-        except (OSError, ValueError, IndexError) as error:
+        except (OSError, ValueError, TypeError, IndexError) as error:
             raise DataError(f"The keys in {folder} cannot be read ({error}); make them again.") from error
-        end = certificate.not_valid_after_utc
-        if end < datetime.datetime.now(datetime.timezone.utc):
+        if key.public_key() != certificate.public_key():
+            raise DataError(f"The key in {folder} is of another certificate; copy the whole folder again.")
+        try:
+            certificate.verify_directly_issued_by(authority)
+        except (InvalidSignature, ValueError, TypeError) as error:
+            raise DataError(
+                f"The certificate in {folder} is of another authority; copy the whole folder again."
+            ) from error
+        begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+        now = datetime.datetime.now(datetime.timezone.utc)
+        if end < now:
             raise DataError(f"The certificate in {folder} ended on {end:%Y-%m-%d}; make new keys.")
+        if begin > now:
+            raise DataError(
+                f"The certificate in {folder} begins on {begin:%Y-%m-%d}, and this machine's clock says "
+                f"{now:%Y-%m-%d}; set the clock."
+            )
         return cls(folder, name, tuple(devices))
 
     def tls(self, *, listens: bool) -> dict[str, Any]:
@@ -133,14 +152,14 @@ def make_keys(
     authority = _Authority.of(folder)
     made = []
     if hosts or not (folder / ROBOT / CERTIFICATE).is_file():
-        authority.issue(folder / ROBOT, ROBOT, alternatives[ROBOT])
+        authority.issue(folder / ROBOT, ROBOT, alternatives[ROBOT], serves=True)
         made.append(folder / ROBOT)
     for device in devices:
         if not (folder / device / CERTIFICATE).is_file():
-            authority.issue(folder / device, device, [x509.DNSName(device)])
+            authority.issue(folder / device, device, [x509.DNSName(device)], connects=True)
             made.append(folder / device)
     if web_hosts:
-        authority.issue(folder / WEB, WEB, alternatives[WEB])
+        authority.issue(folder / WEB, WEB, alternatives[WEB], serves=True, connects=True)
         made.append(folder / WEB)
     known = sorted(
         device_name(p.parent.name) for p in folder.glob(f"*/{CERTIFICATE}") if p.parent.name != ROBOT
@@ -163,9 +182,8 @@ class _Authority:
 
         if (folder / AUTHORITY_KEY).is_file():
             try:
-                certificate = x509.load_pem_x509_certificate(read_text(folder / AUTHORITY).encode())
-                key = serialization.load_pem_private_key(read_text(folder / AUTHORITY_KEY).encode(), None)
-            except (OSError, ValueError) as error:
+                certificate, key = _certificate(folder / AUTHORITY), _private(folder / AUTHORITY_KEY)
+            except (OSError, ValueError, TypeError) as error:
                 raise DataError(
                     f"The authority in {folder} cannot be read ({error}); take a new folder."
                 ) from error
@@ -177,14 +195,26 @@ class _Authority:
         write_bytes(folder / AUTHORITY, certificate.public_bytes(serialization.Encoding.PEM))
         return cls(certificate, key)
 
-    def issue(self, folder: Path, name: str, alternatives: list[GeneralName]) -> None:
-        """Writes key, certificate and the authority's certificate into a folder."""
+    def issue(
+        self,
+        folder: Path,
+        name: str,
+        alternatives: list[GeneralName],
+        *,
+        serves: bool = False,
+        connects: bool = False,
+    ) -> None:
+        """Writes key, certificate and the authority's certificate into a folder.
+
+        Who ``connects`` only cannot play the robot, at whatever address.
+        """
         from cryptography import x509
         from cryptography.hazmat.primitives import serialization
         from cryptography.x509.oid import ExtendedKeyUsageOID
 
         key = _new_key()
-        usage = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH])
+        uses = {ExtendedKeyUsageOID.SERVER_AUTH: serves, ExtendedKeyUsageOID.CLIENT_AUTH: connects}
+        usage = x509.ExtendedKeyUsage([use for use, is_used in uses.items() if is_used])
         extensions: list[tuple[Any, bool]] = [
             (x509.BasicConstraints(ca=False, path_length=None), True),
             (x509.SubjectAlternativeName(alternatives), False),
@@ -195,6 +225,18 @@ class _Authority:
         _write_private(folder / KEY, key)
         write_bytes(folder / CERTIFICATE, certificate.public_bytes(pem))
         write_bytes(folder / AUTHORITY, self._certificate.public_bytes(pem))
+
+
+def _certificate(path: Path) -> Certificate:
+    from cryptography import x509
+
+    return x509.load_pem_x509_certificate(read_bytes(path, MOST_BYTES))
+
+
+def _private(path: Path) -> Any:
+    from cryptography.hazmat.primitives import serialization
+
+    return serialization.load_pem_private_key(read_bytes(path, MOST_BYTES), None)
 
 
 def _new_key() -> Any:

@@ -233,7 +233,8 @@ def _opened(config: dict[str, Any], fault: str) -> Iterator[Any]:
     try:
         yield session
     finally:
-        session.close()
+        with contextlib.suppress(zenoh.ZError):  # it is over, whatever the network says
+            session.close()
 
 
 def keys_of(folder: Path | None, *, insecure: bool) -> Keys | None:

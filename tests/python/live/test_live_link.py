@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import datetime
 import json
+import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -256,6 +260,64 @@ def test_a_foreign_certificate_and_none_are_refused(
             assert not link.connected(session)
             session.put(names.key("anna", names.IMAGE), b"x")
     assert {key for key, _ in robot} == {names.key("berta", names.IMAGE)}
+
+
+def test_a_device_cannot_play_the_robot(address: Address, tmp_path: Path) -> None:
+    """Though the robot's address is the very name in its certificate."""
+    make_keys(tmp_path, hosts=["127.0.0.1"], devices=["anna", "localhost"])
+    false = replace(Keys.read(tmp_path / "localhost"), devices=("anna",))
+    for robot, is_found in ((false, False), (Keys.read(tmp_path / "robot"), True)):
+        with (
+            link.open_robot(address, robot),
+            link.open_device(Address("localhost", address.port), Keys.read(tmp_path / "anna")) as device,
+        ):
+            assert until(lambda d=device: link.connected(d)) if is_found else not connects_soon(device)
+
+
+def connects_soon(session: Any) -> bool:
+    """Within some tries."""
+    until_then = time.monotonic() + 6 * link.RETRY_MS / 1e3
+    while time.monotonic() < until_then and not link.connected(session):
+        time.sleep(0.05)
+    return link.connected(session)
+
+
+def of_another(name: str) -> Callable[[Path], object]:
+    return lambda anna: shutil.copyfile(anna.parent / "other" / "anna" / name, anna / name)
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (of_another("key.pem"), "is of another certificate"),
+        (of_another("authority.pem"), "is of another authority"),
+        (lambda anna: (anna / "key.pem").write_bytes(b"\xff" * 100), "cannot be read"),
+        (lambda anna: (anna / "authority.pem").write_bytes(b""), "cannot be read"),
+        (lambda anna: os.truncate(anna / "authority.pem", 2 << 30), "2048 MB"),
+    ],
+)
+def test_keys_that_do_not_belong_together_are_told(
+    damage: Callable[[Path], object], told: str, tmp_path: Path
+) -> None:
+    """Or the device would wait for a robot that refuses it without a word."""
+    for folder in (tmp_path, tmp_path / "other"):
+        make_keys(folder, hosts=["127.0.0.1"], devices=["anna"])
+    damage(tmp_path / "anna")
+    with pytest.raises(DataError, match=told):
+        Keys.read(tmp_path / "anna")
+
+
+def test_a_clock_before_the_certificate_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_keys(tmp_path, hosts=["127.0.0.1"], devices=["anna"])
+
+    class Early(datetime.datetime):
+        @classmethod
+        def now(cls, tz: datetime.tzinfo | None = None) -> datetime.datetime:
+            return datetime.datetime(2001, 2, 3, tzinfo=tz)
+
+    monkeypatch.setattr("collabslam.live.keys.datetime.datetime", Early)
+    with pytest.raises(DataError, match="clock says 2001-02-03"):
+        Keys.read(tmp_path / "anna")
 
 
 def test_without_keys_only_this_machine_is_served(address: Address) -> None:
