@@ -2062,6 +2062,9 @@ class UpdateReport:
         tangent.
     worn_error_covariance : (6, 6) float64
         What is left of its covariance after the update, in the filter's own model.
+    worn_error_of_map : (6, 6) float64
+        Covariance of what errors of the map that last may have put into it, which that model does not know of
+        (METHOD 20).
     worn_poses : dict of int to (pose, covariance)
         Where the worn cameras were whose views were measured, by their numbers: T_WF (4, 4), metres, and
         its covariance (6, 6) over (translation m, rotation rad), right tangent.
@@ -2091,6 +2094,8 @@ class UpdateReport:
     def worn_error(self) -> NDArray[np.float64]: ...
     @property
     def worn_error_covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def worn_error_of_map(self) -> NDArray[np.float64]: ...
     @property
     def worn_poses(self) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
     @property

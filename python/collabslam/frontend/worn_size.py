@@ -66,14 +66,15 @@ def contradicted_length(lengths: Array) -> bool:
 
     Parameters
     ----------
-    lengths : (N, 3) float64
+    lengths : (N, 4) float64
         Of each view: error of |t_CF| as the update finds it, in standard deviations; share of its variance
-        that the update took away, which is the variance of the first number; share of it that lasts.
+        that the update took away, which is the variance of the first number; what errors of the map that last
+        add to that, which all views have in common; share of T_CF's own variance that lasts.
     """
     limit = chi2_quantile(1.0 - (1.0 - SURE_LEVEL) / len(WINDOWS), 1)
     for count in WINDOWS:
-        error, told, lasting = lengths[-count:].T
-        variance = told.sum() * (1.0 + (len(error) - 1) * lasting.mean()) if len(error) >= count else 0.0
-        if variance > 0.0 and error.sum() ** 2 > limit * variance:
+        error, told, of_map, lasting = lengths[-count:].T
+        own = told.sum() * (1.0 + (len(error) - 1) * lasting.mean()) if len(error) >= count else 0.0
+        if own > 0.0 and error.sum() ** 2 > limit * (own + np.sqrt(of_map).sum() ** 2):
             return True
     return False

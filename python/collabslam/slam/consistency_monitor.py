@@ -156,10 +156,10 @@ class ConsistencyMonitor(PersistentState):
                 matches = _last(matches, [wrong, len(seen.ids)], _LAST)
                 # Of a view of another time the motion in between is in the error, too.
                 if seen is first and seen.given is seen.worn:
-                    error, left = report.worn_error, report.worn_error_covariance
-                    square, lasting = seen.moved(error, self._bias_share)
-                    moved = _last(moved, [square, lasting], _LAST)
-                    self._size.take_length(number, *seen.length(error, left), lasting)
+                    error, of_map = report.worn_error, report.worn_error_of_map
+                    moved = _last(moved, seen.moved(error, of_map, self._bias_share), _LAST)
+                    length = seen.length(error, report.worn_error_covariance, of_map)
+                    self._size.take_length(number, *length, seen.lasting(self._bias_share))
             worn[number] = known | {"matches": matches, "moved": moved, "without": without}
         self._worn = worn
 

@@ -1,4 +1,8 @@
-"""How fast the camera usually goes, which bounds its speed after it has seen nothing (METHOD 28)."""
+"""How fast the camera usually goes.
+
+It bounds its speed after it has seen nothing (METHOD 28), and tells which of two maps has the right size
+(METHOD 22).
+"""
 
 from __future__ import annotations
 
@@ -18,12 +22,14 @@ _USUAL = 0.9
 """Share of the frames in which it is not faster than usually."""
 _LAST, _LEAST = 300, 50
 """Frames that tell the usual speed: the last ones, and how many there must be."""
+_BAND, _WIDER = (0.2, 0.8), 1.15
+"""Quantiles of the speeds between which one is usual, and by how much more it may be off."""
 _AFTER = 5.0
 """Seconds after a frame that was refused in which the map's size is in doubt."""
 
 
 class UsualSpeed(PersistentState):
-    """Bounds the speed of a camera whose turn a gyroscope tells, after frames in which it saw nothing.
+    """Knows the speeds of frames that were trusted.
 
     Parameters
     ----------
@@ -41,11 +47,21 @@ class UsualSpeed(PersistentState):
         self._refused: float | None = None
 
     def most(self, t: float) -> float | None:
-        """The greatest speed (m/s) with which a frame at ``t``, which has been predicted, is used."""
+        """The greatest speed (m/s) with which a frame at ``t``, which has been predicted, is used.
+
+        Of a camera whose turn a gyroscope tells, after frames in which it saw nothing; None elsewhere.
+        """
         doubted = self._refused is not None and t - self._refused <= _AFTER
         if not doubted or len(self._speeds) < _LEAST or not self._filter.followed_gyro:
             return None
         return _FASTER * float(np.quantile(self._speeds, _USUAL))
+
+    def is_usual(self, speed: float) -> bool | None:
+        """Whether the camera goes at a ``speed`` (m/s) as it mostly does; None where that is not known."""
+        if len(self._speeds) < _LEAST:
+            return None
+        low, high = np.quantile(self._speeds, _BAND)
+        return bool(low / _WIDER <= speed <= high * _WIDER)
 
     def take(self, t: float, *, accepted: bool, lost: bool, trusted: bool) -> None:
         """Takes a frame in.

@@ -51,16 +51,20 @@ def test_a_run_is_degraded_by_most_of_its_last_views() -> None:
         assert contradicted_size(np.array(views)) is degraded, views
 
 
-def lengths(told: float, lasting: float, seed: int, off: float = 0.0, views: int = 30) -> np.ndarray:
+def lengths(
+    told: float, lasting: float, seed: int, off: float = 0.0, views: int = 30, of_map: float = 0.0
+) -> np.ndarray:
     """Errors of |t_CF| of views, of which a share of the variance lasts, as an update finds them."""
     rng = np.random.default_rng(seed)
     error = np.sqrt(lasting) * rng.standard_normal() + np.sqrt(1 - lasting) * rng.standard_normal(views)
-    return np.column_stack([np.sqrt(told) * (error + off), np.full(views, told), np.full(views, lasting)])
+    error = np.sqrt(told) * (error + off) + np.sqrt(of_map) * rng.standard_normal()
+    return np.column_stack([error, *(np.full(views, share) for share in (told, of_map, lasting))])
 
 
 def test_lengths_within_their_covariance_contradict_nothing() -> None:
     for told, lasting in ((1.0, 0.0), (0.4, 0.0), (0.8, 0.9), (0.8, 1.0)):
         assert not any(contradicted_length(lengths(told, lasting, seed)) for seed in range(300))
+    assert not any(contradicted_length(lengths(0.8, 0.0, seed, of_map=0.4)) for seed in range(300))
 
 
 def test_lengths_that_are_all_off_the_same_way_do() -> None:
@@ -72,6 +76,6 @@ def test_lengths_that_are_all_off_the_same_way_do() -> None:
 
 
 def test_a_length_that_no_view_tells_says_nothing() -> None:
-    assert not contradicted_length(np.empty((0, 3)))
-    assert not contradicted_length(np.array([[9.0, 0.9, 0.0]] * 6))
-    assert not contradicted_length(np.zeros((30, 3)))
+    assert not contradicted_length(np.empty((0, 4)))
+    assert not contradicted_length(np.array([[9.0, 0.9, 0.0, 0.0]] * 6))
+    assert not contradicted_length(np.zeros((30, 4)))

@@ -15,6 +15,7 @@ from collabslam.geometry import pose
 from collabslam.slam.consistency_monitor import CAUSES, NOTHING, ConsistencyMonitor
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
+from collabslam.slam.usual_speed import UsualSpeed
 from collabslam.slam.worn.overlap import Overlap
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import WornView
@@ -23,8 +24,17 @@ FRAMES, FOUND = 40, 30
 VIEW = WornView(np.zeros((4, 4), np.uint8), np.eye(4), np.diag([9e-4] * 3 + [1e-4] * 3))
 
 
+def map_size(speed: float = 1.0, known: int = 0) -> tuple[MapSize, Any]:
+    """What is known of a map, and the camera in it, which has gone at a speed (m/s) for many frames."""
+    core: Any = SimpleNamespace(followed_gyro=False, velocity=np.array([0.0, 0.0, speed]))
+    usual = UsualSpeed(core)
+    for k in range(known):
+        usual.take(0.1 * k, accepted=True, lost=False, trusted=True)
+    return MapSize(core, usual), core
+
+
 def monitor() -> ConsistencyMonitor:
-    return ConsistencyMonitor(FilterSettings(), MapSize())
+    return ConsistencyMonitor(FilterSettings(), map_size()[0])
 
 
 def outcomes(refused: int) -> Any:
@@ -39,8 +49,12 @@ def report(
     accepted: bool = True,
     error: Any = np.zeros(6),  # noqa: B008 (never written to)
     told: float = 0.5,
+    of_map: float = 0.0,
 ) -> Any:
-    """Of an update with thirty bearings, which took a share ``told`` of T_CF's variance away."""
+    """Of an update with thirty bearings, which took a share ``told`` of T_CF's variance away.
+
+    Errors of the map that last may have moved it by another ``of_map`` of that variance.
+    """
     return SimpleNamespace(
         accepted=accepted,
         bearings=outcomes(refused),
@@ -49,6 +63,7 @@ def report(
         dof=2 * FOUND,
         worn_error=error,
         worn_error_covariance=(1.0 - told) * VIEW.covariance,
+        worn_error_of_map=of_map * VIEW.covariance,
     )
 
 
@@ -159,7 +174,7 @@ def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
 
 
 def test_a_map_of_another_size_is_degraded_until_views_confirm_it() -> None:
-    size = MapSize()
+    size, _ = map_size()
     judge = ConsistencyMonitor(FilterSettings(), size)
     views = [seen(0.1, size=0.1)] * 10 + [seen(0.1, size=3.0)] * 10 + [Overlaps()] * 50
     said = []
@@ -170,34 +185,59 @@ def test_a_map_of_another_size_is_degraded_until_views_confirm_it() -> None:
 
 
 def test_a_map_begun_by_cf_alone_stays_degraded_until_the_camera_is_in_another() -> None:
-    size = MapSize()
+    size, _ = map_size()
     for k in range(20):
         size.take(seen(0.1, size=0.1 if k < 10 else 3.0), pose(np.eye(3), [0.1 * k, 0.0, 0.0]))
     np.testing.assert_allclose(size.gone(pose(np.eye(3), [2.0, 0.0, 0.5])), [1.1, 0.0, 0.5])
     assert size.contradicted
-    size.leave(contradicted=True)
+    size.leave(contradicted=True, speed=1.0)
     assert size.inconsistent
     assert not size.contradicted
     for _ in range(20):
         size.take(seen(0.1, size=0.1), np.eye(4))
     assert size.inconsistent
-    size.leave(contradicted=False)
+    size.leave(contradicted=False, speed=1.0)
     assert not size.inconsistent
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "known", "trusted"),
+    [
+        (1.5, 1.0, 100, True),  # the old map had grown, and T_CF is right
+        (1.0, 1.3, 100, False),  # T_CF has grown
+        (1.5, 1.3, 100, False),  # both
+        (1.5, 1.0, 20, False),  # how fast it goes is not known
+    ],
+)
+def test_the_speed_tells_which_of_two_maps_has_the_right_size(
+    before: float, after: float, known: int, trusted: bool
+) -> None:
+    size, core = map_size(1.0, known)
+    size.leave(contradicted=True, speed=before)
+    core.velocity *= after
+    said = []
+    for _ in range(25):
+        size.take(Overlaps(), np.eye(4))
+        said.append(size.inconsistent)
+    assert said == [True] * 19 + [not trusted] * 6
 
 
 def test_lengths_of_t_cf_that_have_changed_are_told_while_the_last_views_say_so() -> None:
     """Ten views off by 1.5 sigma along the baseline, which turns no epipolar line, then good ones."""
-    size = MapSize()
+    size, _ = map_size()
     judge = ConsistencyMonitor(FilterSettings(), size)
     t_cf = pose(np.eye(3)[[1, 2, 0]], [0.0, 0.0, -1.0])
     view = replace(VIEW, t_cf=t_cf, bias=0.0 * VIEW.covariance)
     shown = Overlaps((replace(seen(0.1).each[0], given=view, worn=view),))
     along = 0.03 * np.concatenate([t_cf[:3, :3].T @ t_cf[:3, 3], np.zeros(3)])
 
-    def said(sigmas: float, views: int = 1, told: float = 0.5) -> str:
-        update = report(error=sigmas * along, told=told)
+    def said(sigmas: float, views: int = 1, told: float = 0.5, of_map: float = 0.0) -> str:
+        update = report(error=sigmas * along, told=told, of_map=of_map)
         return [judge.judge(update, FOUND, shown, born()) for _ in range(views)][-1]
 
+    assert said(0.1, 20) == NOTHING
+    assert said(1.5, 20, of_map=0.5) == NOTHING, "the map itself may be off by as much"
+    size.leave(contradicted=False, speed=1.0)
     assert said(0.1, 20) == NOTHING
     assert said(1.5, 5) == NOTHING
     assert said(1.5, 10) == "size"
@@ -205,7 +245,7 @@ def test_lengths_of_t_cf_that_have_changed_are_told_while_the_last_views_say_so(
     assert said(0.1, 30) == NOTHING
     assert said(3.0, 1, told=0.03) == NOTHING, "a view that says next to nothing"
     assert said(1.5, 10) == "size"
-    size.leave(contradicted=False)
+    size.leave(contradicted=False, speed=1.0)
     assert said(0.1) == NOTHING
 
 

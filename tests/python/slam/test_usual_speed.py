@@ -46,6 +46,12 @@ def test_what_is_seen_while_it_is_bounded_tells_no_usual_speed() -> None:
     assert speed.most(4.0) == pytest.approx(1.5)
 
 
+def test_a_speed_is_usual_within_a_band_of_those_before() -> None:
+    speed = _went(60)
+    assert [speed.is_usual(v) for v in (0.8, 0.9, 1.1, 1.2)] == [False, True, True, False]
+    assert _went(40).is_usual(1.0) is None
+
+
 def test_a_frame_that_would_make_it_faster_is_refused(clip: Clip) -> None:
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
     for frame in clip.frames[:4]:

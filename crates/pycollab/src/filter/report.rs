@@ -140,6 +140,9 @@ pub(super) fn to_worn_pose(py: Python<'_>, found: &WornPose) -> (Table, Table) {
 ///     tangent.
 /// worn_error_covariance : (6, 6) float64
 ///     What is left of its covariance after the update, in the filter's own model.
+/// worn_error_of_map : (6, 6) float64
+///     Covariance of what errors of the map that last may have put into it, which that model does not know of
+///     (METHOD 20).
 /// worn_poses : dict of int to (pose, covariance)
 ///     Where the worn cameras were whose views were measured, by their numbers: T_WF (4, 4), metres, and
 ///     its covariance (6, 6) over (translation m, rotation rad), right tangent.
@@ -159,6 +162,7 @@ pub(crate) struct PyUpdateReport {
     exact: bool,
     worn_error: Column<f64>,
     worn_error_covariance: Table,
+    worn_error_of_map: Table,
     worn_poses: WornPoses,
     jumped: bool,
 }
@@ -182,6 +186,7 @@ impl PyUpdateReport {
             exact: report.exact,
             worn_error: column(py, report.worn_error.iter().copied()),
             worn_error_covariance: to_matrix(py, &report.worn_error_covariance),
+            worn_error_of_map: to_matrix(py, &report.worn_error_of_map),
             worn_poses: worn_poses.collect(),
         })
     }

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from collabslam._core import Filter
 from collabslam.formats.schema import Check, array, flag, optional, pose, table
 from collabslam.frontend.worn_size import (
     LAST_VIEWS,
@@ -16,24 +17,39 @@ from collabslam.frontend.worn_size import (
     contradicted_size,
 )
 from collabslam.slam.state import PersistentState
+from collabslam.slam.usual_speed import UsualSpeed
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array
 
+_CONFIRMING = 20
+"""Frames in which a camera in a new map goes as it did before the old one lost its size."""
+
 
 class MapSize(PersistentState):
-    """What the views of all worn cameras have said of the map that the camera is in."""
+    """What the views of all worn cameras have said of the map that the camera is in.
+
+    Parameters
+    ----------
+    core : Filter
+    usual_speed : UsualSpeed
+    """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_told": array("<f8", None),
         "_confirmed": optional(pose),
         "_anew": flag,
-        "_lengths": table(int, array("<f8", None, 3)),
+        "_speeds": optional(array("<f8", None)),
+        "_lengths": table(int, array("<f8", None, 4)),
     }
 
-    def __init__(self) -> None:
+    def __init__(self, core: Filter, usual_speed: UsualSpeed) -> None:
+        self._filter, self._usual = core, usual_speed
         self._told = np.empty(0)
         self._confirmed: Array | None = None
         self._anew = False
+        # Of the frames in a map that was begun because one was contradicted in which the camera went as fast
+        # as it never does; None if that one's speed was usual, so that T_CF may as well be what is wrong.
+        self._speeds: Array | None = None
         self._lengths: dict[int, Array] = {}
 
     def take(self, overlap: Overlaps, t_wc: Array) -> None:
@@ -42,18 +58,21 @@ class MapSize(PersistentState):
         self._told = np.concatenate([self._told, told])[-LAST_VIEWS:]
         if told and max(told) <= 1.0:
             self._confirmed = t_wc
+        if self._anew and self._speeds is not None:
+            self._speeds = np.append(self._speeds, self._speed())[-_CONFIRMING:]
+            if len(self._speeds) == _CONFIRMING and self._usual.is_usual(float(np.median(self._speeds))):
+                self._anew = False
 
-    def take_length(self, number: int, error: float, told: float, lasting: float) -> None:
+    def take_length(self, number: int, error: float, told: float, of_map: float, lasting: float) -> None:
         """Takes in what a worn camera's view was found to say of |t_CF| (`contradicted_length`).
 
         A view that tells hardly anything of it does not count: a single one that does would stand for all.
         """
         if told < LEAST_TOLD:
             return
-        rows = np.vstack([self._lengths.get(number, np.empty((0, 3))), [error, told, lasting]])[
-            -max(WINDOWS) :
-        ]
-        self._lengths = self._lengths | {number: rows}
+        known = self._lengths.get(number, np.empty((0, 4)))
+        rows = np.vstack([known, [error, told, of_map, lasting]])
+        self._lengths = self._lengths | {number: rows[-max(WINDOWS) :]}
 
     @property
     def contradicted(self) -> bool:
@@ -64,6 +83,7 @@ class MapSize(PersistentState):
     def inconsistent(self) -> bool:
         """Whether they do, or the map was begun because they did: by T_CF, which may as well be wrong.
 
+        Not once the camera is known to go in it as it mostly does, and not to have done so in the one before.
         So it is while T_CF's lengths have changed: the map follows them, and its parts differ in size.
         """
         changed = any(contradicted_length(rows) for rows in self._lengths.values())
@@ -73,7 +93,12 @@ class MapSize(PersistentState):
         """Way (3,) in W since it was last confirmed, metres, from a pose of Cs (4, 4)."""
         return np.zeros(3) if self._confirmed is None else t_wc[:3, 3] - self._confirmed[:3, 3]
 
-    def leave(self, *, contradicted: bool) -> None:
-        """The camera is in another map: one begun because this one's size was contradicted, or any."""
+    def leave(self, *, contradicted: bool, speed: float) -> None:
+        """The camera, which went at a ``speed`` (m/s), is in another map: one begun because the last one was
+        contradicted, or any."""
         self._told, self._confirmed, self._anew = np.empty(0), None, contradicted
         self._lengths = {}
+        self._speeds = np.empty(0) if self._usual.is_usual(speed) is False else None
+
+    def _speed(self) -> float:
+        return float(np.linalg.norm(self._filter.velocity))

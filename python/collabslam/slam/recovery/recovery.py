@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import Recovered
@@ -56,6 +58,7 @@ class Recovery:
         """
         if not view.started:
             return None
+        speed = float(np.linalg.norm(self._filter.velocity))
         wrong = self._size.contradicted and not (followed or self._holds_targets())
         found = self._restart.attempt(view, wrong=True) if wrong else None
         begun = found is not None
@@ -69,7 +72,7 @@ class Recovery:
             in_submap = found is not None
             found = found or (None if wrong else self._restart.attempt(view, wrong=False))
         if found is not None and found.other_map is not None:
-            self._size.leave(contradicted=begun)
+            self._size.leave(contradicted=begun, speed=speed)
             self._printed.move(found.targets)
             if not in_submap:
                 self._known.left()

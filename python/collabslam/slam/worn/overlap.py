@@ -98,22 +98,31 @@ class Overlap:
             who=self.number,
         )
 
-    def moved(self, error: Array, bias_share: float) -> tuple[float, float]:
-        """Square of an ``error`` (6,) of T_CF in units of its covariance, and the share of that which lasts:
-        ``bias_share`` where the view does not say."""
+    def lasting(self, bias_share: float) -> float:
+        """Share of T_CF's covariance that lasts: ``bias_share`` where the view does not say."""
         covariance, bias = self.given.covariance, self.given.bias
-        lasting = bias_share if bias is None else float(np.mean(np.diag(bias) / np.diag(covariance)))
-        return float(error @ np.linalg.solve(covariance, error)), lasting
+        return bias_share if bias is None else float(np.mean(np.diag(bias) / np.diag(covariance)))
 
-    def length(self, error: Array, left: Array) -> tuple[float, float]:
-        """What an ``error`` (6,) of T_CF is along the baseline, in standard deviations, and the share of that
-        variance that is not in the covariance ``left`` (6, 6)."""
+    def moved(self, error: Array, of_map: Array, bias_share: float) -> tuple[float, float]:
+        """Square of an ``error`` (6,) of T_CF in units of its covariance, and the share of that which lasts.
+
+        What the map's own errors put into it, of the covariance ``of_map`` (6, 6), is in both; the share of
+        T_CF's is ``bias_share`` where the view does not say.
+        """
+        whole = self.given.covariance + of_map
+        maps = float(np.mean(np.diag(of_map) / np.diag(whole)))
+        return float(error @ np.linalg.solve(whole, error)), maps + (1.0 - maps) * self.lasting(bias_share)
+
+    def length(self, error: Array, left: Array, of_map: Array) -> tuple[float, float, float]:
+        """What an ``error`` (6,) of T_CF is along the baseline, in standard deviations; the share of that
+        variance that is not in the covariance ``left`` (6, 6); and ``of_map`` (6, 6) as a share of it."""
         t_cf = self.given.t_cf
         along = t_cf[:3, :3].T @ t_cf[:3, 3]  # the error is along the axes of F
-        stated, is_left = (float(along @ c[:3, :3] @ along) for c in (self.given.covariance, left))
+        covariances = (self.given.covariance, left, of_map)
+        stated, is_left, maps = (float(along @ c[:3, :3] @ along) for c in covariances)
         if stated <= 0.0:  # no baseline
-            return 0.0, 0.0
-        return float(along @ error[:3]) / np.sqrt(stated), max(1.0 - is_left / stated, 0.0)
+            return 0.0, 0.0, 0.0
+        return float(along @ error[:3]) / np.sqrt(stated), max(1.0 - is_left / stated, 0.0), maps / stated
 
     def births(self, outcomes: MeasurementOutcomes, t: float) -> tuple[ImagePoints, Ids]:
         """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""

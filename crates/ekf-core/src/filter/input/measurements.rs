@@ -162,6 +162,8 @@ pub struct UpdateReport {
     pub worn_error: Vector6<f64>,
     /// Covariance that is left of it, as the sharp model has it.
     pub worn_error_covariance: Matrix6<f64>,
+    /// Covariance of what the map's lasting errors may have put into it, which that model does not know of (METHOD 20).
+    pub worn_error_of_map: Matrix6<f64>,
     /// One per view: where the worn camera was. None before the start, and of a frame of which nothing was used.
     pub worn_poses: Vec<WornPose>,
     /// Why the frame was refused, if it was: the filter is as it was before.

@@ -225,6 +225,15 @@ impl Filter {
         }
     }
 
+    /// Covariance of what the map's error modes have put into the error of T_CF that the frame found: they had no part in it before.
+    pub(crate) fn worn_error_of_map(&self, worn: &WornObservation) -> Matrix6<f64> {
+        let offset = self.worn_error_offset(worn.who);
+        offset.map_or_else(Matrix6::zeros, |at| {
+            let state = &self.memory.state;
+            state.told().block::<6, 6>(at, at) - state.p.block::<6, 6>(at, at)
+        })
+    }
+
     pub(crate) fn intersect(
         &self,
         worn: &WornObservation,
