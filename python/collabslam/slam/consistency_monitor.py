@@ -30,8 +30,9 @@ CAUSES = (GYRO, WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE)
 
 _LAST = 30
 """Frames, and views of Cf, that the tests look back on."""
-_LAST_BIRTHS = 100
-"""Frames that the test of new points looks back on: there are few of them in a frame."""
+_LAST_BIRTHS, _ENOUGH_BIRTHS = 100, 100
+"""Frames that the test of new points looks back on at most, and how many of these it asks for: there are few of
+them in a frame."""
 _LEAST = 5
 """Frames, or views, that say something together."""
 _NO_VIEWS: dict[str, Any] = {
@@ -121,7 +122,7 @@ class ConsistencyMonitor(PersistentState):
             SIZE: self._size.inconsistent,
             JUMP: bool(self._jumps.any()),
             MATCHES: self._too_many_refused(self._matches),
-            MOVING: _too_many(self._births, _STRAYS),
+            MOVING: _too_many(_recent(self._births), _STRAYS),
             NOISE: self._too_loud(),
         }
         return next((cause for cause in CAUSES if inconsistent[cause]), NOTHING)
@@ -185,6 +186,15 @@ def _too_many(counts: Array, expected: float) -> bool:
     if len(counts) < _LEAST or events < 1.0:
         return False
     return bool(0.5 * chi2_quantile(1.0 - SURE_LEVEL, 2.0 * events) > expected * all_)
+
+
+def _recent(births: Array) -> Array:
+    """The last frames in which enough points were new, of (N, 2) counts.
+
+    Who has passed by is out of view soon, and so is what was taken for the scene of them.
+    """
+    enough = int((np.cumsum(births[::-1, 1]) < _ENOUGH_BIRTHS).sum()) + 1
+    return births[-max(enough, _LAST) :]
 
 
 def _last(kept: Array, new: object, count: int) -> Array:

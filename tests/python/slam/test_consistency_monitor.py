@@ -162,6 +162,16 @@ def test_who_strays_far_at_once_says_less_than_who_strays_slowly() -> None:
     assert said == {1.1: "moving", 4.0: NOTHING}
 
 
+def test_who_has_passed_is_forgotten_soon_where_much_is_new() -> None:
+    """Five candidates end in each frame, so that thirty frames say enough."""
+    judge, said = monitor(), []
+    for k in range(120):
+        passing = 60 <= k < 72
+        said.append(judge.judge(report(), FOUND, Overlaps(), born(off_arc=4 * passing, by=1.1)))
+    assert said[71:90] == ["moving"] * 19
+    assert said[102:] == [NOTHING] * 18
+
+
 def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
     judge = monitor()
     said = [judge.judge(report(), FOUND, seen(2.0) if k < 10 else Overlaps(), born()) for k in range(50)]
