@@ -31,8 +31,8 @@ CAUSES = (GYRO, WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE)
 _LAST = 30
 """Frames, and views of Cf, that the tests look back on."""
 _LAST_BIRTHS, _ENOUGH_BIRTHS = 100, 100
-"""Frames that the test of new points looks back on at most, and how many of these it asks for: there are few of
-them in a frame."""
+"""Frames that the test of new points looks back on at most, and how many of these it asks for: few are in a
+frame."""
 _LEAST = 5
 """Frames, or views, that say something together."""
 _NO_VIEWS: dict[str, Any] = {
