@@ -98,7 +98,7 @@ def test_before_its_start_a_phone_shows_what_the_robot_sees(site: Site, phone: B
     other = site.browser.page()
     other.open(site.address("", "phone"), 390, 800)
     assert other.until("document.getElementById('view').naturalWidth > 0", SOON)
-    assert other.until("document.getElementById('said').textContent.startsWith('Not started')", SOON)
+    assert other.until("document.getElementById('said').textContent.startsWith('The camera is off')", SOON)
     other.screenshot(SHOTS / "phone-before.png")
     other.close()
 

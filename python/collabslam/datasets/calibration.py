@@ -172,8 +172,15 @@ def _images(topic: str) -> str:
 
 
 def load_camera(path: Path | str, name: str | None = None, topic: str = "") -> Camera:
-    """The camera of a calibration file; see `read_calibration`."""
-    return read_calibration(Path(path), name=name, topic=topic).camera
+    """The camera of a calibration file, of images with times of their own; see `read_calibration`."""
+    return of_stamped(read_calibration(Path(path), name=name, topic=topic), path).camera
+
+
+def of_stamped(found: Calibration, path: Path | str) -> Calibration:
+    """What a file says of images with times of their own, which are believed more than its rate."""
+    if found.rate is not None:
+        tell("passed over", "rate (the images have times of their own)", path)
+    return found
 
 
 def load_unmasked(path: Path | str, name: str | None = None, topic: str = "") -> Camera:

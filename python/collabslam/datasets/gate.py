@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from fnmatch import fnmatchcase
@@ -285,6 +285,14 @@ def data_lines(path: Path) -> list[tuple[int, list[str]]]:
         tell("passed over", f"line {out[0][0]} (names of columns)", path)
         out = out[1:]
     return out
+
+
+def leave_columns(rows: Iterable[Sequence[str]], used: int, where: object) -> None:
+    """Pass over what stands behind the first so many columns of a table, by name."""
+    most = max(map(len, rows), default=0)
+    if most > used:
+        which = f"column {most}" if most == used + 1 else f"columns {used + 1} to {most}"
+        tell("passed over", f"{which} (nothing is read of them)", where)
 
 
 def _points(value: object) -> str:

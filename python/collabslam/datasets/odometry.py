@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Filter
-from collabslam.datasets.gate import data_lines
+from collabslam.datasets.gate import data_lines, tell
 from collabslam.datasets.poses import BODY_FROM_OPTICAL, check_position, number_fields
 from collabslam.datasets.units import as_seconds, read_stamps
 from collabslam.errors import DataError, InputError
@@ -127,6 +127,7 @@ def checked(
     if sd is not None:
         v, w = sd
         covariances = np.tile(np.diag([v * v] * 3 + [w * w] * 3), (len(times), 1, 1))
+    tell("odometry", f"{len(times)} samples", where)
     covariances = _bounded(covariances)
     steps = np.flatnonzero(~(np.diff(times) > 0.0))
     if len(steps):

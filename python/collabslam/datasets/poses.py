@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam.datasets.gate import data_lines, tell, text_of
+from collabslam.datasets.gate import data_lines, leave_columns, tell, text_of
 from collabslam.datasets.pose_columns import HEADER, columns_of
 from collabslam.datasets.units import as_seconds, counts, read_stamps
 from collabslam.errors import DataError, SettingsError
@@ -151,8 +151,12 @@ def read_pose_table(
     columns = columns_of(text_of(path)) if further is None else None
     named = columns is not None and all(len(fields) > max(columns) for _, fields in lines)
     if columns is not None and named:
+        if others := max(len(fields) for _, fields in lines) - len(columns):
+            tell("passed over", f"{others} columns (by their names neither stamp nor pose)", path)
         order, lines = "xyzw", [(n, [fields[k] for k in columns]) for n, fields in lines]
     skip = after_id(lines)
+    if further is None:
+        leave_columns((fields for _, fields in lines), skip + 8, path)
     for number, fields in lines:
         where = f"Line {number} of {path}"
         try:

@@ -18,12 +18,15 @@ from collabslam.datasets import load_camera, open_recording
 from collabslam.datasets.calibration import load_rig, read_calibration
 from collabslam.datasets.gate import Fact, listening
 from collabslam.datasets.lens import lens
-from collabslam.datasets.readers import collab, davison
+from collabslam.datasets.poses import read_track
+from collabslam.datasets.readers import collab, davison, folder, kitti, stamped, tum_rgbd, video
 from collabslam.datasets.ros.messages import camera_of
 from collabslam.datasets.ros.sensors import read_sensors
 from collabslam.datasets.worn_calibration import WornCalibration
 from collabslam.errors import DataError
 
+DATASETS = Path(str(collab.__file__)).parents[1]
+FILM: Any = SimpleNamespace(times=[0.0, 0.1])
 K = [40.0, 0.0, 31.5, 0.0, 41.0, 23.5, 0.0, 0.0, 1.0]
 LENS = [-0.28, 0.07, 0.0002, 2e-05]
 RADTAN = ("radtan", (64, 48), (40, 41, 31.5, 23.5), tuple(LENS))
@@ -251,9 +254,84 @@ def test_no_key_is_passed_over_without_a_word(tmp_path: Path, name: str) -> None
     assert any("strange" in fact.value for fact in facts if fact.what == "passed over"), facts
 
 
+def test_whoever_reads_keys_refuses_those_that_nobody_asked_for() -> None:
+    """`Keys` does so where the block ends that it is opened in."""
+    for path in DATASETS.rglob("*.py"):
+        tree = ast.parse(path.read_text())
+        for function in (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)):
+            opened = [n for n in ast.walk(function) if isinstance(n, ast.Call) and _opens_keys(n)]
+            blocks = [n for n in ast.walk(function) if isinstance(n, ast.With)]
+            closed = [item.context_expr for block in blocks for item in block.items]
+            names = {n.id for n in closed if isinstance(n, ast.Name)}
+            named = [
+                n.value
+                for n in ast.walk(function)
+                if isinstance(n, ast.Assign) and {ast.unparse(to) for to in n.targets} <= names
+            ]
+            if path.name != "gate.py":
+                assert all(n in (*closed, *named) for n in opened), (path, function.name)
+
+
+def _opens_keys(call: ast.Call) -> bool:
+    name = ast.unparse(call.func)
+    return name in ("read_keys", "Keys") or name.endswith(".inside")
+
+
+STRICT = {
+    "frame_poses",
+    "named_poses",
+    "lens_lines",
+    "seven_scenes",
+    "posed_images",
+    "odometry",
+    "collab",
+    "files",
+}
+"""Modules whose tables have exactly their columns, or are none: those of columns by name tell the others."""
+
+
+def test_every_reader_of_tables_tells_its_further_columns() -> None:
+    for path in DATASETS.rglob("*.py"):
+        text = path.read_text()
+        if "data_lines(" in text and path.stem not in STRICT | {"gate"}:
+            assert "leave_columns(" in text, path
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "read", "said"),
+    [
+        ("rgb.txt", "0.0 0.png 7\n0.1 0.png\n", lambda p: tum_rgbd._images(p.parent, p.name), "column 3"),
+        ("data.csv", "1,0.png,7,8\n2,0.png\n", lambda p: stamped.read_stream(p.parent), "columns 3 to 4"),
+        ("times", "0.0 5\n0.1 5\n", lambda p: folder.read_times(p, [p, p]), "column 1"),
+        ("times", "0.0 0.png 5\n0.1 0.png 5\n", lambda p: folder.read_times(p, [p, p]), "column 2"),
+        ("times", "0.0 5 6\n0.1 5 6\n", lambda p: video.read_stamps(p, FILM), "columns 1 to 2"),
+        ("times.txt", "0.0 5\n0.1 5\n", lambda p: kitti._times(p.parent, [p, p]), "column 2"),
+        ("calib.txt", "P0: {0}\nP1: {0}\nTr: {0}\n", lambda p: kitti._projections(p, 0), "Tr:"),
+        ("poses", "0 1 2 3 0 0 0 1 9\n", read_track, "column 9"),
+        ("poses", "t,x,y,z,qw,qx,qy,qz,a,b\n0,1,2,3,1,0,0,0,8,9\n", read_track, "2 columns"),
+    ],
+)
+def test_no_column_is_passed_over_without_a_word(
+    tmp_path: Path, name: str, text: str, read: Any, said: str
+) -> None:
+    (tmp_path / name).write_text(text.format("1 0 0 0 0 1 0 0 0 0 1 0"))
+    for place in (tmp_path, tmp_path / "data"):
+        place.mkdir(exist_ok=True)
+        cv2.imwrite(str(place / "0.png"), np.zeros((48, 64), np.uint8))
+    with listening() as facts:
+        read(tmp_path / name)
+    assert any(said in fact.value for fact in facts if fact.what == "passed over"), facts
+
+
+def test_a_rate_that_is_not_used_is_told(tmp_path: Path) -> None:
+    (tmp_path / "camera.yaml").write_text(EUROC + "rate: 20\n")
+    with listening() as facts:
+        load_camera(tmp_path / "camera.yaml")
+    assert any("rate" in fact.value for fact in facts if fact.what == "passed over")
+
+
 def test_only_the_gate_reads_keys() -> None:
-    folder = Path(str(collab.__file__)).parents[1]
-    for path in folder.rglob("*.py"):
+    for path in DATASETS.rglob("*.py"):
         if path.name == "gate.py":
             continue
         for node in ast.walk(ast.parse(path.read_text())):

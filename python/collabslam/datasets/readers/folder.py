@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from collabslam.datasets.calibration import read_calibration
-from collabslam.datasets.gate import data_lines, is_number, tell
+from collabslam.datasets.calibration import Calibration, of_stamped, read_calibration
+from collabslam.datasets.gate import data_lines, is_number, leave_columns
 from collabslam.datasets.images import IMAGE_SUFFIXES, list_images, require_files
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.recording import ImageRecording, stamps_in_names, times_at_rate
@@ -41,7 +41,9 @@ def read_times(times: Path, paths: list[Path]) -> tuple[Array, list[Path]]:
     if rows and all(len(f) == 2 and Path(f[0]).suffix.lower() in IMAGE_SUFFIXES for _, f in rows):
         rows = [(n, fields[::-1]) for n, fields in rows]
     stamps, further = listed_stamps(rows, str(times))
-    if further and all(more and not is_number(more[0]) for more in further):
+    named = bool(further) and all(more and not is_number(more[0]) for more in further)
+    leave_columns(further, int(named), f"{times}, behind the stamps")
+    if named:
         paths = [paths[0].parent / Path(more[0]).name for more in further]
         require_files(paths)
     elif len(stamps) != len(paths):
@@ -52,14 +54,13 @@ def read_times(times: Path, paths: list[Path]) -> tuple[Array, list[Path]]:
     return as_seconds(stamps), paths
 
 
-def _stamps(paths: list[Path], rate: float | None, camera: Path) -> Array:
+def _stamps(paths: list[Path], calibration: Calibration, camera: Path) -> Array:
     stamps = stamps_in_names(paths)
     if stamps is not None:
-        if rate is not None:
-            tell("passed over", "rate (the images' names are stamps)", camera)
+        of_stamped(calibration, camera)
         return stamps
-    if rate is not None:
-        return times_at_rate(paths, rate)
+    if calibration.rate is not None:
+        return times_at_rate(paths, calibration.rate)
     raise DataError(
         f"The images of {paths[0].parent} carry no time stamps; give --times FILE with one stamp a line, "
         f"or the key 'rate' (frames per second) in {camera}."
@@ -85,8 +86,9 @@ def open(path: Path, given: Given) -> ImageRecording:
     calibration = read_calibration(camera)
     if given.times is not None:
         stamps, paths = read_times(given.times, paths)
+        of_stamped(calibration, camera)
     else:
-        stamps = _stamps(paths, calibration.rate, camera)
+        stamps = _stamps(paths, calibration, camera)
     return ImageRecording(
         name=path.name,
         source=str(path),

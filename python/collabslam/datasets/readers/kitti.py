@@ -13,7 +13,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import pinhole_camera
-from collabslam.datasets.gate import data_lines
+from collabslam.datasets.gate import data_lines, leave_columns, tell
 from collabslam.datasets.images import image_size, list_images
 from collabslam.datasets.poses import number_fields, read_pose_rows
 from collabslam.datasets.recording import ImageRecording, Rig, times_at_rate
@@ -46,6 +46,7 @@ def _projections(path: Path, first: int) -> list[Array]:
     for number, fields in data_lines(path):
         if fields[0].endswith(":"):
             if not fields[0].startswith("P"):
+                tell("passed over", f"{fields[0]} (no camera's projection)", path)
                 continue
             fields = fields[1:]
         values = number_fields(fields, f"Line {number} of {path}")
@@ -73,6 +74,7 @@ def _times(path: Path, images: list[Path]) -> Array:
     if not stamps.is_file():
         return times_at_rate(images, RATE)
     rows = data_lines(stamps)
+    leave_columns((fields for _, fields in rows), 1, stamps)
     return as_seconds(read_stamps([f[0] for _, f in rows], str(stamps), lines=[n for n, _ in rows]))
 
 

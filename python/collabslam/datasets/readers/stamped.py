@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collabslam.datasets.gate import data_lines
+from collabslam.datasets.gate import data_lines, leave_columns
 from collabslam.datasets.images import list_images, named_file, require_files
 from collabslam.datasets.units import as_nanoseconds, read_stamps, seconds
 from collabslam.errors import DataError
@@ -29,6 +29,7 @@ def read_stream(folder: Path) -> tuple[list[int], list[Path]]:
             raise DataError(
                 f"Line {short} of {listing} needs two columns: the stamp in nanoseconds, the file name."
             )
+        leave_columns((fields for _, fields in rows), 2, listing)
         texts, lines = [fields[0] for _, fields in rows], [n for n, _ in rows]
         files = [named_file(folder / "data", fields[1], f"line {n} of {listing}") for n, fields in rows]
         where = listing

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import read_calibration
+from collabslam.datasets.calibration import of_stamped, read_calibration
 from collabslam.datasets.depth_image import TUM, DepthImage, depth_scale
-from collabslam.datasets.gate import data_lines, tell
+from collabslam.datasets.gate import data_lines, leave_columns, tell
 from collabslam.datasets.images import named_file, require_files
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.poses import interpolate_track, read_track
@@ -42,7 +42,7 @@ def open(path: Path, given: Given) -> ImageRecording:
     """Open a TUM RGB-D sequence."""
     times, paths = _images(path, "rgb.txt")
     truth = path / "groundtruth.txt"
-    own = None if given.camera is None else read_calibration(given.camera)
+    own = None if given.camera is None else of_stamped(read_calibration(given.camera), given.camera)
     depth = None
     if (path / "depth.txt").is_file():
         stated = None if own is None else own.depth_scale
@@ -65,6 +65,7 @@ def _images(path: Path, name: str) -> tuple[Array, list[Path]]:
     short = next((n for n, fields in rows if len(fields) < 2), None)
     if short is not None:
         raise DataError(f"Line {short} of {listing} needs two columns: the stamp in seconds, the image file.")
+    leave_columns((fields for _, fields in rows), 2, listing)
     paths = [named_file(path, fields[1], f"line {n} of {listing}") for n, fields in rows]
     require_files(paths)
     texts, lines = [fields[0] for _, fields in rows], [n for n, _ in rows]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam.datasets.calibration import load_camera
-from collabslam.datasets.gate import data_lines, tell
+from collabslam.datasets.gate import data_lines, leave_columns, tell
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.stream import StreamRecording
 from collabslam.datasets.units import as_seconds, listed_stamps
@@ -50,7 +50,9 @@ def read_stamps(path: Path, video: Video) -> Array:
     DataError
         If there is not one for each frame, or one is not a number.
     """
-    times = as_seconds(listed_stamps(data_lines(path), str(path))[0])
+    stamps, further = listed_stamps(data_lines(path), str(path))
+    leave_columns(further, 0, f"{path}, behind the stamps")
+    times = as_seconds(stamps)
     if len(times) != len(video.times):
         raise DataError(f"{path} has {len(times)} stamps for {len(video.times)} frames; match them.")
     return times

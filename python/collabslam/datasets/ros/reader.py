@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import check_size, read_calibration
+from collabslam.datasets.calibration import check_size, of_stamped, read_calibration
 from collabslam.datasets.depth_image import MILLIMETRES, depth_points, depth_scale
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.poses import interpolate_track
@@ -59,7 +59,9 @@ def open(path: Path, given: Given) -> StreamRecording:
     topic = topics["cs"] = topics.get("cs") or only_images(bag)
     images = BagImages(bag, topic)
     times = np.asarray([seconds(s) for s in images.stamps])
-    own = None if given.camera is None else read_calibration(given.camera, topic=topic)
+    own = None
+    if given.camera is not None:
+        own = of_stamped(read_calibration(given.camera, topic=topic), given.camera)
     camera = _camera(bag, topic, topics.get("cs_info")) if own is None else own.camera
     recording = StreamRecording(
         name=path.stem,
