@@ -17,22 +17,33 @@ from collabslam.datasets.gate import Keys, tell
 from collabslam.datasets.lens import lens, model_of, of_matrix
 from collabslam.errors import DataError
 
-_MATRIX = ("camera_matrix", "cameraMatrix", "camera_mat", "intrinsic_matrix", "mtx", "K", "k")
+_MATRIX = (
+    "camera_matrix",
+    "cameraMatrix",
+    "camera_mat",
+    "intrinsic_matrix",
+    "mtx",
+    "K",
+    "k",
+    "Camera_Matrix",
+)
 _DISTORTION = (
     "distortion_coefficients", "distortion_coeffs", "distortionCoefficients", "dist_coeffs", "dist_coeff",
-    "dist_coefs", "distCoeffs", "dist", "distortion", "coeffs", "D", "d",
+    "dist_coefs", "distCoeffs", "dist", "distortion", "coeffs", "D", "d", "Distortion_Coefficients",
 )  # fmt: skip
 _SIZE = ("resolution", "image_size", "imageSize", "img_size", "DIM")
-_WIDTH = ("image_width", "imageWidth", "width", "w", "cols")
-_HEIGHT = ("image_height", "imageHeight", "height", "h", "rows")
+_WIDTH = ("image_width", "imageWidth", "image_Width", "width", "w", "cols")
+_HEIGHT = ("image_height", "imageHeight", "image_Height", "height", "h", "rows")
 _MODEL = ("distortion_model", "model")
 _COEFFICIENTS = "k1 k2 p1 p2 k3 k4 k5 k6"
 _PROJECTION = ("projection_matrix", "P", "p")
 _NO_LENS = (
-    "comment*", "camera_name", "sensor_type", "rate_hz", "header", "rectification_matrix", "R", "r", "*time",
-    "n*frames*", "nr_of_*", "board*", "square*", "marker*", "pattern*", "flags", "*reproj*", "*_error*",
-    "rms*", "image_points", "grid_points", "extrinsic_parameters", "aspect*", "fix*", "cam_overlaps",
-    "T_cam_imu", "T_imu_cam", "local_transform", "line_delay", "T_cn_cnm1", "rostopic", "timeshift_cam_imu",
+    "comment*", "camera_name", "calibration_Time", "nrOfFrames", "flagValue", "FixAspectRatio", "Avg_*",
+    "Per_View_*", "Extrinsic_Parameters", "Image_points", "sensor_type", "rate_hz", "header",
+    "rectification_matrix", "R", "r", "*time", "n*frames*", "nr_of_*", "board*", "square*", "marker*",
+    "pattern*", "flags", "*reproj*", "*_error*", "rms*", "image_points", "grid_points",
+    "extrinsic_parameters", "aspect*", "fix*", "cam_overlaps", "T_cam_imu", "T_imu_cam", "local_transform",
+    "line_delay", "T_cn_cnm1", "rostopic", "timeshift_cam_imu",
 )  # fmt: skip
 """Keys of calibrations that say nothing of the lens."""
 

@@ -26,6 +26,8 @@ LONGEST = 2.0
 """Seconds between frames whose years nobody knows."""
 _COUNTED = 8
 """Whole numbers without years that are so far apart count frames: no camera is so fast in any unit."""
+_TICKS = (256, 512, 1001, 1024, 3000, 3003, 3600, 3750, 4500, 6000, 9000)
+"""How far apart the stamps of films are that count ticks, as 90000 or 15360 a second; no clock's are."""
 _NANO_DIGITS = 9
 LEAST_STEP, MOST_STEP, MOST_GAP = 2e-3, 10.0, 86400.0
 """Seconds from frame to frame that a recording has in the middle, and the longest gap in one."""
@@ -101,7 +103,7 @@ def padded(text: str) -> str:
 
 
 def check_no_counter(texts: Sequence[str], where: str) -> None:
-    """Refuses whole numbers that are as near as numbers of frames; DataError if they are."""
+    """Refuses whole numbers that are as near as numbers of frames, or as ticks; DataError if they are."""
     if len(texts) < 3 or not all(text.isascii() and text.isdigit() and len(text) < 10 for text in texts):
         return
     step = float(np.median(np.diff(np.unique([int(text) for text in texts])))) if len(set(texts)) > 1 else 0.0
@@ -109,6 +111,11 @@ def check_no_counter(texts: Sequence[str], where: str) -> None:
         raise DataError(
             f"The stamps of {where} are whole numbers {step:g} apart, which count frames; give times in "
             "seconds (with a point, as 2.0, if they are)."
+        )
+    if step in _TICKS:
+        raise DataError(
+            f"The stamps of {where} are {step:g} apart, as the ticks of a film's own clock, of which nobody "
+            "says how many a second has; give seconds (pts_time of ffprobe, not pts)."
         )
 
 

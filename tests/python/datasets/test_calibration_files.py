@@ -150,7 +150,15 @@ XML = (
     f"  <data>\n    {' '.join(map(str, LENS))} 0.</data></distortion_coefficients>\n</opencv_storage>\n"
 )
 FISHEYE = ("fisheye", *RADTAN[1:])
+# As the sample of OpenCV 2 wrote it.
+OPENCV_2 = (
+    "%YAML:1.0\n---\ncalibration_Time: x\nnrOfFrames: 25\nimage_Width: 64\nimage_Height: 48\nflagValue: 14\n"
+    f"Camera_Matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {K}\n"
+    f"Distortion_Coefficients: !!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n   data: {LENS}\n"
+    "Avg_Reprojection_Error: 2.1e-01\n"
+)
 FILES = {
+    "opencv-2": (OPENCV_2, RADTAN),
     "plain": (PLAIN, RADTAN),
     "plain-straight": (
         re.sub(r"(?m)^[kp](\d): .*$", r"k\1: 0", PLAIN.replace("p1", "k3").replace("p2", "k4")),

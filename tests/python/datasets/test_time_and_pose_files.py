@@ -145,6 +145,9 @@ def test_a_column_that_counts_is_no_time() -> None:
     assert as_seconds(listed_stamps(rows, "x")[0])[1] == pytest.approx(100 + 1 / 30)
     with pytest.raises(DataError, match="counts its lines"):
         listed_stamps([(k, [str(k)]) for k in range(5)], "x")
+    for ticks in (512, 3003, 4500):  # of a film, of whose clock nobody says how many there are in a second
+        with pytest.raises(DataError, match="ticks"):
+            listed_stamps([(k, [str(ticks * k)]) for k in range(5)], "x")
 
 
 def test_images_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
