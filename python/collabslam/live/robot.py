@@ -278,7 +278,8 @@ def status_text(
     dropped = sum(int(n) for what, n in facts.items() if what.startswith("dropped "))
     images = f", images of {', '.join(ages)} old" if ages else ""
     images += "".join(f", none of {name} for {seconds:.0f} s" for name, seconds in gone.items())
-    return f"frame {frames}: {step.status.value}, {pose.link}, {where}{images}, {dropped} dropped"
+    with_whom = "with the worn camera" if pose.link == "collab" else "alone"
+    return f"frame {frames}: {step.status.value}, {with_whom}, {where}{images}, {dropped} dropped"
 
 
 def merged(report: Mapping[str, float], counts: Mapping[str, int]) -> dict[str, float]:
