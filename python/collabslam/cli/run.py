@@ -208,5 +208,5 @@ def _report(summary: Summary, folder: Path) -> int:
         return TERMINATED if summary["ended_by"] == BY_SIGTERM else INTERRUPTED
     if is_trusted(summary):
         return OK
-    print(f"collabslam: {untrusted_text(summary)}; frames.csv says why.", file=sys.stderr)
+    print(f"collabslam: {untrusted_text(summary)}; collabslam doctor {folder} says why.", file=sys.stderr)
     return NOT_TRUSTED

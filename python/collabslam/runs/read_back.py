@@ -154,8 +154,14 @@ def _submaps(folder: Path, summary: Mapping[str, Any], record: RunRecord) -> Sub
     loops = [Loop(**loop) for loop in summary["loops"]]
     if not (folder / SUBMAPS).exists():
         return None
-    times, poses = read_track(folder / SUBMAPS)
-    _, covariances = read_covariances(folder / SUBMAPS_COVARIANCE)
+    times, covariances = read_covariances(folder / SUBMAPS_COVARIANCE)
+    poses = (
+        read_track(folder / SUBMAPS)[1] if len(times) else np.empty((0, 4, 4))
+    )  # of a run that never started
+    if len(poses) != len(times):
+        raise DataError(
+            f"{folder / SUBMAPS} has {len(poses)} poses, not {len(times)}; run the recording again."
+        )
     at = np.clip(np.searchsorted(record.times, times - 1e-9), 0, len(record) - 1)
     odometry: Array = record.poses[at]
     landmarks: Landmarks = read_ply(folder / WHOLE_MAP)

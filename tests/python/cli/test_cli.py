@@ -97,6 +97,19 @@ def test_two_pictures_of_a_run_are_the_same_bytes(tmp_path: Path) -> None:
     assert (np.abs(a - c).max(axis=2) > 8).mean() < 1e-3
 
 
+def test_a_run_that_never_started_is_read_back(tmp_path: Path) -> None:
+    """Its files of submaps have no line."""
+    go(Walk(), tmp_path)
+    for name in ("submaps.tum", "submaps.cov"):
+        (tmp_path / name).write_text("# nothing\n")
+    (tmp_path / "whole_map.ply").write_bytes((tmp_path / "map.ply").read_bytes())
+    assert read_run(tmp_path).submaps.poses.shape == (0, 4, 4)
+    (tmp_path / "submaps.tum").write_text("0 0 0 0 0 0 0 1\n")
+    (tmp_path / "submaps.cov").write_text("0" + " 1" * 21 + "\n" + "1" + " 1" * 21 + "\n")
+    with pytest.raises(DataError, match="1 poses, not 2"):
+        read_run(tmp_path)
+
+
 @pytest.mark.slow
 def test_two_runs_stand_beside_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = Settings.default().replace({"filter.map.in_view": 25})

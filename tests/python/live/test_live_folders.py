@@ -16,7 +16,7 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 from helpers.in_step import InStep
 
 from collabslam import Camera, DataError, Settings, Slam
-from collabslam.cli.live_robot import draw
+from collabslam.cli.drawn import draw
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.live import link
 from collabslam.live.downlink import Downlink
