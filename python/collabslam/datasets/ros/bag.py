@@ -19,6 +19,7 @@ from collabslam.datasets.mosaic import LOOKED_AT, MOSAIC_TOLD, mosaic_of
 from collabslam.datasets.ros import messages as m
 from collabslam.datasets.ros.bounded import bound_databases, bound_decompression, leave_qos_alone
 from collabslam.datasets.ros.cut_mcap import as_far_as_whole
+from collabslam.datasets.ros.definitions import bound_definitions, check_fields
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import DataError
 from collabslam.extras import needs
@@ -38,6 +39,12 @@ TRUTH_TYPES = (
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 _TF_TYPES = (TF_TYPE, "tf/msg/tfMessage")
 SCAN_TYPE, IMU_TYPE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
+TWIST_TYPES = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped")
+_READ = (*IMAGE_TYPES, CAMERA_TYPE, *TRUTH_TYPES, *_TF_TYPES, SCAN_TYPE, IMU_TYPE, *TWIST_TYPES)
+LATEST = 1 << 62
+"""Nanoseconds before which messages are recorded: 2116."""
+_LISTED, _SHOWN = 40, 300
+"""Topics that a message names, and characters of a name, or of what rosbags says."""
 
 
 _LARGEST_METADATA = 1 << 21
@@ -57,6 +64,12 @@ class Topic(NamedTuple):
     name: str
     type: str
     messages: int
+
+
+def shorter(said: object) -> str:
+    """What somebody else says, as far as a sentence can hold it."""
+    text = str(said)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def is_bag(path: Path) -> bool:
@@ -97,6 +110,7 @@ class Bag:
         bound_decompression()
         bound_databases()
         leave_qos_alone()
+        bound_definitions()
         told = path / "metadata.yaml"
         if told.is_file() and told.stat().st_size > _LARGEST_METADATA:
             raise DataError(
@@ -110,9 +124,10 @@ class Bag:
             self._reader = AnyReader(paths, default_typestore=store)
             self._reader.open()
             self._close = weakref.finalize(self, self._reader.close)
+            check_fields(self._reader.typestore.fielddefs, store.fielddefs, _READ)
         except Exception as error:  # rosbags raises many kinds for broken files
             raise DataError(
-                f"The bag {path} cannot be read ({error}); {_MEND.get(kind, _MEND_FOLDER)}."
+                f"The bag {path} cannot be read ({shorter(error)}); {_MEND.get(kind, _MEND_FOLDER)}."
             ) from error
 
     def __enter__(self) -> Bag:
@@ -137,7 +152,10 @@ class Bag:
 
     def listing(self) -> str:
         """The topics in words, for messages."""
-        return "; ".join(f"{t.name} ({t.type}, {t.messages})" for t in self.topics) or "none"
+        topics = self.topics
+        named = [f"{shorter(t.name)} ({shorter(t.type)}, {t.messages})" for t in topics[:_LISTED]]
+        more = [f"and {len(topics) - _LISTED} more"] if len(topics) > _LISTED else []
+        return "; ".join(named + more) or "none"
 
     def messages(self, topic: str, *types: str, start: int | None = None) -> Iterator[tuple[int, Any]]:
         """(time of recording in ns, message) of a topic in order of recording, from ``start`` (ns) on."""
@@ -158,7 +176,7 @@ class Bag:
         count = 0
         with self._broken():
             for connection, received, data in self._reader.messages(connections, start=start):
-                if not isinstance(received, int):
+                if not (isinstance(received, int) and abs(received) < LATEST):
                     raise DataError(f"a message of {topic} was recorded at {str(received)[:40]!r}")
                 yield received, self._reader.deserialize(data, connection.msgtype)
                 count += 1
@@ -185,7 +203,7 @@ class Bag:
             raise
         except Exception as error:  # rosbags raises many kinds for broken files
             raise DataError(
-                f"The bag {self.path} is broken ({error}); record it again or reindex it."
+                f"The bag {self.path} is broken ({shorter(error)}); record it again or reindex it."
             ) from error
 
     def stamped(self, topic: str, *types: str) -> Iterator[tuple[float, Any]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from collabslam.datasets.odometry import OdometryGiven, checked, increments
 from collabslam.datasets.ros import messages as m
-from collabslam.datasets.ros.bag import Bag
+from collabslam.datasets.ros.bag import TWIST_TYPES, Bag
 from collabslam.errors import DataError
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.types import Array, Odometry
@@ -19,7 +19,6 @@ _ASKED = 20
 _STILL = 2e-3, 2e-3
 """Metres and radians by which a mount that is fixed may seem to move."""
 _REMEDY = "name the frame of the wheels and that of the images of a camera that is fixed to them"
-TWIST_TYPES = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped")
 
 
 def read_odometry_topic(path: Path, given: OdometryGiven) -> Odometry:

@@ -12,6 +12,7 @@ from collabslam.runs.progress import Progress
 from collabslam_lab.reliability.attacks import (
     bags,
     calls,
+    forged_bags,
     gyroscope,
     image_bombs,
     image_files,
@@ -37,6 +38,7 @@ ATTACKS: tuple[Attack, ...] = (
     *text_files.ATTACKS,
     *gyroscope.ATTACKS,
     *bags.ATTACKS,
+    *forged_bags.ATTACKS,
     *stores.ATTACKS,
     *words.ATTACKS,
     *places.ATTACKS,

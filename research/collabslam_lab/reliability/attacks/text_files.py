@@ -90,7 +90,7 @@ def _long(text: str) -> str:
 ANY: tuple[Row, ...] = (
     ("empty", "empty", b"", REFUSED),
     ("binary", "random bytes", bytes(range(256)) * 20, REFUSED),
-    ("utf16", "UTF-16", lambda text: text.encode("utf-16").decode("latin-1"), REFUSED),
+    ("utf16", "UTF-16", lambda text: text.encode("utf-16").decode("latin-1"), READ_OR_REFUSED),
     ("zeros", "a byte 0 in its first line", lambda text: text[:15] + "\0" + text[15:], READ_OR_REFUSED),
 )
 YAML: tuple[Row, ...] = (
