@@ -32,6 +32,8 @@ _HEAD = struct.Struct("<8sIQ")
 _CHECKSUM = 32
 _LARGEST = 1 << 32
 """Bytes of a file: a checkpoint has about a kilobyte for each frame that was done."""
+_SIDES = 32
+"""Of an array, at most."""
 _DTYPES = ("|b1", "|u1", "<i4", "<i8", "<f4", "<f8")
 _ARRAY, _BYTES, _TUPLE, _DICT, _CLASS = "array", "bytes", "tuple", "dict", "class"
 
@@ -84,7 +86,7 @@ def read_container(path: Path, kind: str, version: int, classes: Sequence[type] 
         return _decode(data, kind, version, classes)
     except DataError as error:
         raise DataError(f"The file {path} {error}") from error
-    except (KeyError, TypeError, ValueError, IndexError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
         raise DataError(f"The file {path} does not hold what its kind says; take an earlier one.") from error
 
 
@@ -117,7 +119,8 @@ def _decode(data: bytes, kind: str, version: int, classes: Sequence[type]) -> An
         raise DataError(_newer(header["version"], version))
     arrays, at = [], _HEAD.size + length
     for dtype, shape in header["arrays"]:
-        if dtype not in _DTYPES or not all(isinstance(n, int) and n >= 0 for n in shape):
+        sides = len(shape) <= _SIDES and all(isinstance(n, int) and 0 <= n <= _LARGEST for n in shape)
+        if dtype not in _DTYPES or not sides:
             raise DataError("holds an array of an unknown type; take an earlier one.")
         count = math.prod(shape)
         size = count * np.dtype(dtype).itemsize
@@ -186,6 +189,7 @@ class _Trees:
 
     def __init__(self, arrays: Sequence[NDArray[Any]], classes: Sequence[type]) -> None:
         self._arrays = arrays
+        self._bytes: dict[int, bytes] = {}
         self._classes = {c.__name__: c for c in classes}
 
     def decode(self, value: Any) -> Any:
@@ -196,13 +200,19 @@ class _Trees:
         if _ARRAY in value:
             return self._array(value[_ARRAY])
         if _BYTES in value:
-            return self._array(value[_BYTES]).tobytes()
+            return self._raw(value[_BYTES])
         if _TUPLE in value:
             return tuple(self.decode(v) for v in value[_TUPLE])
         if _DICT in value:
             return {_key(k): self.decode(v) for k, v in value[_DICT]}
         fields = {k: self.decode(v) for k, v in value["fields"].items()}
         return self._classes[value[_CLASS]](**fields)
+
+    def _raw(self, index: int) -> bytes:
+        """The bytes of an array, which a tree may name as often as it likes."""
+        if index not in self._bytes:
+            self._bytes[index] = self._array(index).tobytes()
+        return self._bytes[index]
 
     def _array(self, index: int) -> NDArray[Any]:
         if not 0 <= index < len(self._arrays):
