@@ -155,6 +155,7 @@ impl Sway {
         WornObservation {
             who: 0,
             capture: None,
+            rate: None,
             bias: None,
             pairs: pairs.collect(),
             covariance: Matrix6::identity() * 1e-4,

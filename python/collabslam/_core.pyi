@@ -1878,6 +1878,23 @@ class WornMeasurement:
         capture: tuple[float, float] | None = None,
         who: int = 0,
     ) -> WornMeasurement: ...
+    def with_rate(self, rate: ArrayLike) -> WornMeasurement:
+        """The same with what a gyroscope of Cf's own tells of how it turned (METHOD 6).
+
+        Parameters
+        ----------
+        rate : (3,) float64
+            Angular velocity of Cf when the view's middle row was taken, along the axes of F, rad/s.
+
+        Returns
+        -------
+        WornMeasurement
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, and numbers that are not finite. `Filter.update` checks their sizes.
+        """
     def __len__(self) -> int: ...
 
 @final
@@ -1997,11 +2014,11 @@ class MeasurementOutcomes:
     """What became of one kind of measurement in a frame.
 
     ``names`` says it of each: ``pixel`` (accepted as two pixel rows), ``depth`` (as three metric rows),
-    ``replaced`` (its feature was measured by a better form of the same match), ``born``,
-    ``too-uncertain`` (a pixel predicted no better than somewhere in the image; a pair not worth more
-    than its bearing), ``not-visible``, ``rejected-gate`` (its own chi-square), ``rejected-batch`` (the
-    batch test), ``rejected-conditional`` (contradicted by the others), ``unused`` (in this mode),
-    ``refused`` (with the whole frame).
+    ``rate`` (a worn camera's rate was), ``replaced`` (its feature was measured by a better form of the
+    same match), ``born``, ``too-uncertain`` (a pixel predicted no better than somewhere in the image; a
+    pair not worth more than its bearing), ``not-visible``, ``rejected-gate`` (its own chi-square),
+    ``rejected-batch`` (the batch test), ``rejected-conditional`` (contradicted by the others), ``unused``
+    (in this mode), ``refused`` (with the whole frame).
     """
     @property
     def accepted(self) -> NDArray[np.bool_]:
@@ -2044,6 +2061,8 @@ class UpdateReport:
         What became of the pixels in Cs and of the depths, in the order they were given.
     views : list of MeasurementOutcomes
         What became of the pairs of each view.
+    rates : MeasurementOutcomes
+        What became of the rate of each view, ``unused`` where none was told.
     accepted : bool
         Whether the frame was used: False if fewer bearings than asked for passed the tests.
     refused : str or None
@@ -2078,6 +2097,8 @@ class UpdateReport:
     def depths(self) -> MeasurementOutcomes: ...
     @property
     def views(self) -> list[MeasurementOutcomes]: ...
+    @property
+    def rates(self) -> MeasurementOutcomes: ...
     @property
     def accepted(self) -> bool: ...
     @property
@@ -2725,6 +2746,17 @@ class WornSettings:
         """Time from the first row of an image of Cf to the last one, root mean square of what it may
         be. Meanwhile its wearer moves and turns, by 1 m/s and 1 rad/s on each axis (standard
         deviations), and each row sees another T_CF (METHOD 6). 0 for a shutter that does not roll.
+        """
+    @property
+    def readout_sd(self) -> float:
+        """Standard deviation of that time, a part of its root mean square. It counts where a gyroscope
+        of Cf tells how that turned.
+        """
+    @property
+    def rate_sd(self) -> float:
+        """Standard deviation of the rate, on each axis, that a gyroscope of Cf tells of an image: of
+        its bias, scale and mounting, of its clock, and of how the rate changes while the image is
+        read.
         """
     @property
     def start_births(self) -> int:

@@ -87,6 +87,9 @@ class WornView(Brief):
     body : bool
         Whether somebody wears it, whose body Cs may see below it: not so of one that is emulated, or that is
         bound to Cs.
+    rate : (3,) float64 or None
+        Angular velocity of Cf when the middle row was taken, rad/s along the axes of F, as a gyroscope of its
+        own tells it: how its rolling shutter turned (METHOD section 6). None if nothing tells it.
     """
 
     image: Image
@@ -96,6 +99,7 @@ class WornView(Brief):
     t: float | None = None
     who: str = ""
     body: bool = True
+    rate: Array | None = None
 
 
 @dataclass(frozen=True, repr=False)

@@ -271,6 +271,7 @@ impl Scene {
             z.views.push(WornObservation {
                 who: 0,
                 capture: None,
+                rate: None,
                 bias: None,
                 t_cf: measured,
                 covariance: self.worn_covariance,

@@ -91,6 +91,7 @@ fn realised(filter: &mut Filter, view: &CandidateView, bias: Option<Matrix6<f64>
         covariance: precise(),
         bias,
         capture: None,
+        rate: None,
         pairs: pairs.collect(),
     };
     let z = Measurements {

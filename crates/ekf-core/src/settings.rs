@@ -257,6 +257,13 @@ macro_rules! filter_settings {
         /// that does not roll.
         readout: f64 = 0.0192, "s", Some(0.0), Some(0.1),
             User("Set it to the worn camera's readout where that is known, to 0 for a global shutter.");
+        /// Standard deviation of that time, a part of its root mean square. It counts where a gyroscope of Cf tells how that turned.
+        readout_sd: f64 = 0.0096, "s", Some(0.0), Some(0.1),
+            User("Set it to 0.002 beside a readout of Cf that is known, so that a gyroscope of its own tells how its rows turn.");
+        /// Standard deviation of the rate, on each axis, that a gyroscope of Cf tells of an image: of its bias, scale and mounting, of
+        /// its clock, and of how the rate changes while the image is read.
+        rate_sd: f64 = 0.1, "rad/s", Some(1e-3), Some(10.0),
+            User("Lower it to 0.05 where one clock stamps images and rates of Cf, raise it to 0.3 where they are 20 ms apart.");
         /// Least number of births that starts the filter from a first overlap.
         start_births: usize = 8, "", Some(1.0), Some(1000.0),
             User("Lower it where the two cameras share too little texture for a run to start.");
@@ -337,6 +344,14 @@ impl CalibrationSettings {
         );
         let sds = Vector6::new(focal, aspect, centre, centre, radial, radial);
         (sds.max() > 0.0).then(|| Matrix6::from_diagonal(&sds.component_mul(&sds)))
+    }
+}
+
+impl WornSettings {
+    /// The readout of Cf and its standard deviation, seconds.
+    pub fn readout_told(&self) -> (f64, f64) {
+        let sd = self.readout_sd.min(self.readout);
+        ((self.readout.powi(2) - sd * sd).sqrt(), sd)
     }
 }
 

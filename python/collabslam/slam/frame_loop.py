@@ -62,6 +62,7 @@ class FrameLoop:
     def _frame(self, t: float, image: Image, worn: Views, blank: str) -> StepResult:
         """One frame, its image judged by `BlankImageDetector` and its views of Cf due."""
         core, parts, times = self._filter, self._parts, StageTimes()
+        parts.worn_rates.begin()
         for one in worn:
             parts.view_planner.saw(parts.worn.number(one.who), one)
         core.predict(t)
@@ -69,7 +70,7 @@ class FrameLoop:
         parts.gyro.predicted()
         if blank:
             return self._coast(t, blank, times, followed=followed)
-        view = self._view(t, image, worn)
+        view = parts.worn_rates.believed(self._view(t, image, worn))
         last = parts.tracks.last_image
         expected = parts.search.expected(view)
         times.done("predict")
@@ -81,6 +82,7 @@ class FrameLoop:
         times.done("cf")
         depths = parts.depth.take(view, found, overlap.ids, missing)
         report = self._update(t, found, overlap, depths)
+        parts.worn_rates.take(overlap, report)
         turned = not report.accepted and self._turn(view, last)
         carried = not report.accepted and core.followed_gyro
         times.done("update")
@@ -164,6 +166,10 @@ class FrameLoop:
             max_speed=self._parts.usual_speed.most(t),
         )
 
+    def _told_rates(self) -> dict[str, int]:
+        """Of the diagnostics: what came of the gyroscopes of Cs and of the worn cameras."""
+        return {**self._parts.gyro.counts(), **self._parts.worn_rates.counts()}
+
     def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:
         """Whether the last two images show the turn, where the map tells nothing of the frame (METHOD 27).
 
@@ -219,7 +225,7 @@ class FrameLoop:
             scale_sd=scale_sd if metric and scale_sd is not None else math.inf,
             pose_map=pose_map,
             covariance_map=covariance_map,
-            diagnostics={**counts, **plan, **sizes, **self._parts.gyro.counts(), **times.all()},
+            diagnostics={**counts, **plan, **sizes, **self._told_rates(), **times.all()},
             worn=worn,
             features=features,
             gyro=self._parts.gyro.estimate(),

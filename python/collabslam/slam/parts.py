@@ -31,6 +31,7 @@ from collabslam.slam.usual_speed import UsualSpeed
 from collabslam.slam.verdict import Verdict
 from collabslam.slam.worn.late_views import LateViews
 from collabslam.slam.worn.matcher import WornMatcher
+from collabslam.slam.worn.rates import WornRates
 from collabslam.slam.worn.seen_through import SeenThrough
 from collabslam.slam.worn.view_planning import ViewPlanner
 from collabslam.slam.worn.wearers import Wearers
@@ -109,6 +110,7 @@ class Parts:
         self.depth = DepthInput()
         self.wearers = Wearers(core, camera, worn_cameras, options.worn)
         self.worn = WornMatcher(core, camera, worn_cameras, settings, masks, self.wearers)
+        self.worn_rates = WornRates(core, settings)
         self.late = LateViews(core, camera, self.worn, self.tracks, settings, self.wearers, self.mask)
         self.seen_through = SeenThrough(core, camera, self.tracks, self.worn, self.wearers, settings)
         self.view_planner = ViewPlanner(core, self.monitor, options.worn.min_matches)

@@ -86,6 +86,7 @@ impl Filter {
         check_once("worn views", views, &mut scratch.ids)?;
         for worn in &z.views {
             self.check_worn(&worn.t_cf, &worn.covariance, worn.bias.as_ref(), worn.who)?;
+            worn.rate.as_ref().map_or(Ok(()), Self::check_gyro)?;
         }
         Ok(())
     }

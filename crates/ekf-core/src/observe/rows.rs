@@ -27,7 +27,7 @@ pub struct Rows {
     /// Derivative by the camera's velocities and the readout, where the shutter of Cs may roll.
     pub by_motion: Option<ByMotion>,
     /// Derivative of the prediction with respect to six numbers that matches share: the error of Cs's calibration for a pixel
-    /// in Cs, the frame's error of T_CF for what came through the worn camera.
+    /// in Cs, the frame's error of T_CF for what came through the worn camera, how that moved for its rate.
     pub by_shared: Option<SMatrix<f64, 3, 6>>,
     /// How far down the image of Cf its row is, -1/2 to 1/2, where the state has how that camera moved while the image was read,
     /// right after the error of T_CF: the derivative by it is so much of [`Self::by_shared`].
@@ -125,6 +125,22 @@ impl Rows {
             by_shared: worn.map(|(_, j)| -j),
             roll: None,
         })
+    }
+
+    /// The last three of six numbers that matches share, measured by another sensor.
+    pub fn shared_turn(innovation: Vector3<f64>, noise: Matrix3<f64>) -> Self {
+        let mut by_shared = SMatrix::<f64, 3, 6>::zeros();
+        by_shared.fixed_view_mut::<3, 3>(0, 3).fill_with_identity();
+        Self {
+            count: 3,
+            innovation,
+            noise,
+            by_pose: SMatrix::zeros(),
+            by_motion: None,
+            by_feature: SMatrix::zeros(),
+            by_shared: Some(by_shared),
+            roll: None,
+        }
     }
 
     /// A pixel in Cf (METHOD 6, tight form): `h_F = project_F(R_CF^T (h_C - rho t_CF))`, with T_CF = `measured_t_cf` Exp(`error`).

@@ -111,12 +111,15 @@ impl State {
             .map_or(Vector6::zeros(), |b| self.part::<6>(b.offset))
     }
 
-    /// Whether the state has how a worn camera moves while this frame's image of it is read.
+    /// Where the state has how a worn camera moves while this frame's image of it is read.
+    pub(crate) fn worn_roll_offset(&self, who: usize) -> Option<usize> {
+        let block = self.layout.of_kind(BlockKind::WornRoll(who)).next();
+        block.map(|b| b.offset)
+    }
+
+    /// Whether it does.
     pub(crate) fn has_worn_roll(&self, who: usize) -> bool {
-        self.layout
-            .of_kind(BlockKind::WornRoll(who))
-            .next()
-            .is_some()
+        self.worn_roll_offset(who).is_some()
     }
 
     /// Removes the errors of the frame's T_CF.

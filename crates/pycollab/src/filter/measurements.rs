@@ -1,7 +1,7 @@
 //! What a frame measures, by name.
 
 use crate::arrays_in::{
-    Argument, covariance6, ids, numbers, optional_ids, pixels, pose, same_length,
+    Argument, covariance6, ids, numbers, optional_ids, pixels, pose, same_length, vector,
 };
 use ekf_core::{Bearing, Capture, DepthObservation, WornObservation, WornPair};
 use pyo3::prelude::*;
@@ -62,6 +62,7 @@ impl PyWornMeasurement {
             covariance: covariance6("covariance", &covariance)?,
             bias: bias.map(|b| covariance6("bias of T_CF", &b)).transpose()?,
             capture: capture.map(|(t, frame)| Capture { t, frame }),
+            rate: None,
             pairs: pairs
                 .map(|((id, uv), uv_f)| {
                     let alone = id.is_some() && uv.iter().all(|x| x.is_nan());
@@ -69,6 +70,29 @@ impl PyWornMeasurement {
                     WornPair { id, uv, uv_f }
                 })
                 .collect(),
+        }))
+    }
+
+    /// The same with what a gyroscope of Cf's own tells of how it turned (METHOD 6).
+    ///
+    /// Parameters
+    /// ----------
+    /// rate : (3,) float64
+    ///     Angular velocity of Cf when the view's middle row was taken, along the axes of F, rad/s.
+    ///
+    /// Returns
+    /// -------
+    /// WornMeasurement
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For a wrong shape, and numbers that are not finite. `Filter.update` checks their sizes.
+    fn with_rate(&self, rate: Argument<'_>) -> PyResult<Self> {
+        let rate = Some(vector("rate of Cf", &rate)?);
+        Ok(Self(WornObservation {
+            rate,
+            ..self.0.clone()
         }))
     }
 

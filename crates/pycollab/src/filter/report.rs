@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 /// What became of one kind of measurement in a frame.
 ///
 /// ``names`` says it of each: ``pixel`` (accepted as two pixel rows), ``depth`` (as three metric rows),
-/// ``replaced`` (its feature was measured by a better form of the same match), ``born``,
-/// ``too-uncertain`` (a pixel predicted no better than somewhere in the image; a pair not worth more
-/// than its bearing), ``not-visible``, ``rejected-gate`` (its own chi-square), ``rejected-batch`` (the
-/// batch test), ``rejected-conditional`` (contradicted by the others), ``unused`` (in this mode),
-/// ``refused`` (with the whole frame).
+/// ``rate`` (a worn camera's rate was), ``replaced`` (its feature was measured by a better form of the
+/// same match), ``born``, ``too-uncertain`` (a pixel predicted no better than somewhere in the image; a
+/// pair not worth more than its bearing), ``not-visible``, ``rejected-gate`` (its own chi-square),
+/// ``rejected-batch`` (the batch test), ``rejected-conditional`` (contradicted by the others), ``unused``
+/// (in this mode), ``refused`` (with the whole frame).
 #[pyclass(name = "MeasurementOutcomes", module = "collabslam._core", frozen)]
 pub(crate) struct PyMeasurementOutcomes(Vec<MeasurementOutcome>);
 
@@ -92,6 +92,7 @@ fn name(outcome: &MeasurementOutcome) -> &'static str {
     match outcome {
         MeasurementOutcome::Pixel => "pixel",
         MeasurementOutcome::Depth => "depth",
+        MeasurementOutcome::Rate => "rate",
         MeasurementOutcome::Replaced => "replaced",
         MeasurementOutcome::TooUncertain => "too-uncertain",
         MeasurementOutcome::NotVisible => "not-visible",
@@ -122,6 +123,8 @@ pub(super) fn to_worn_pose(py: Python<'_>, found: &WornPose) -> (Table, Table) {
 ///     What became of the pixels in Cs and of the depths, in the order they were given.
 /// views : list of MeasurementOutcomes
 ///     What became of the pairs of each view.
+/// rates : MeasurementOutcomes
+///     What became of the rate of each view, ``unused`` where none was told.
 /// accepted : bool
 ///     Whether the frame was used: False if fewer bearings than asked for passed the tests.
 /// refused : str or None
@@ -154,6 +157,7 @@ pub(crate) struct PyUpdateReport {
     bearings: Py<PyMeasurementOutcomes>,
     depths: Py<PyMeasurementOutcomes>,
     views: Vec<Py<PyMeasurementOutcomes>>,
+    rates: Py<PyMeasurementOutcomes>,
     accepted: bool,
     refused: Option<String>,
     nis: f64,
@@ -177,6 +181,7 @@ impl PyUpdateReport {
             bearings: Py::new(py, PyMeasurementOutcomes(report.bearings))?,
             depths: Py::new(py, PyMeasurementOutcomes(report.depths))?,
             views: views.collect::<PyResult<_>>()?,
+            rates: Py::new(py, PyMeasurementOutcomes(report.rates))?,
             accepted: report.accepted,
             jumped: report.jumped,
             refused: report.refused.as_ref().map(ToString::to_string),

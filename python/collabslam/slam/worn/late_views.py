@@ -97,6 +97,7 @@ _VIEW = instance(
     t=_TIME,
     who=text(),
     body=flag,
+    rate=optional(array("<f8", 3)),
 )
 
 

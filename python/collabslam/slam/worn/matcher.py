@@ -116,6 +116,8 @@ class WornMatcher:
             raise InputError(f"there is no worn camera {worn.who!r}; WornView.who is one of {known}.")
         image = check_grey(worn.image, camera, "worn image")
         self._filter.check_worn(worn.t_cf, worn.covariance, worn.bias, who=self.number(worn.who))
+        if worn.rate is not None:
+            self._filter.check_gyro(worn.rate)
         try:
             np.linalg.cholesky(worn.covariance)
         except np.linalg.LinAlgError as error:
@@ -124,7 +126,8 @@ class WornMatcher:
             ) from error
         if worn.t is not None and not (isinstance(worn.t, Real) and abs(worn.t) <= LAST_TIME):
             raise InputError(f"the worn view's time is {worn.t}; give seconds, by the clock of Cs's stamps.")
-        return replace(worn, image=image, covariance=self._floored(worn.covariance))
+        rate = None if worn.rate is None else np.array(worn.rate, np.float64)
+        return replace(worn, image=image, covariance=self._floored(worn.covariance), rate=rate)
 
     def _floored(self, covariance: Array) -> Array:
         """The covariance of T_CF; with a floor where it is surer than any sensor, which is told once."""

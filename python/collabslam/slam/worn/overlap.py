@@ -87,7 +87,7 @@ class Overlap:
         """As `Filter.update` takes it, with its matches; `Filter.worn_pose` needs none."""
         given = self.given
         with_frame = given is self.worn or given.t is None
-        return WornMeasurement(
+        measured = WornMeasurement(
             given.t_cf,
             given.covariance,
             self.ids,
@@ -97,6 +97,7 @@ class Overlap:
             capture=None if with_frame else (self.taken, self.at),
             who=self.number,
         )
+        return measured if given.rate is None else measured.with_rate(given.rate)
 
     def lasting(self, bias_share: float) -> float:
         """Share of T_CF's covariance that lasts: ``bias_share`` where the view does not say."""

@@ -2,7 +2,7 @@
 
 use crate::error::EkfError;
 use crate::math::pose::Pose;
-use nalgebra::{Matrix6, Vector2, Vector6};
+use nalgebra::{Matrix6, Vector2, Vector3, Vector6};
 
 /// A feature found in Cs.
 #[derive(Clone, Copy, Debug)]
@@ -48,6 +48,8 @@ pub struct WornObservation {
     pub bias: Option<Matrix6<f64>>,
     /// When it was taken; at the frame's own time if `None`.
     pub capture: Option<Capture>,
+    /// Angular velocity of Cf when the middle row was taken, along the axes of F, rad/s, as a gyroscope of its own tells it.
+    pub rate: Option<Vector3<f64>>,
     /// Matches between both images.
     pub pairs: Vec<WornPair>,
 }
@@ -102,6 +104,8 @@ pub enum MeasurementOutcome {
     Pixel,
     /// Accepted as three metric rows.
     Depth,
+    /// A rate, accepted as three rows of how Cf turned while its image was read.
+    Rate,
     /// Its feature was measured by a better form of the same match.
     Replaced,
     /// A depth not accurate enough to be worth more than its bearing; a pixel that was predicted no better than somewhere in
@@ -148,6 +152,8 @@ pub struct UpdateReport {
     pub bearings: Vec<MeasurementOutcome>,
     /// One list per view, one outcome per pair.
     pub views: Vec<Vec<MeasurementOutcome>>,
+    /// One per view: what became of its rate, `Unused` where none was told.
+    pub rates: Vec<MeasurementOutcome>,
     /// One per depth.
     pub depths: Vec<MeasurementOutcome>,
     /// Normalised innovation squared of what was accepted.
@@ -180,6 +186,10 @@ impl UpdateReport {
     pub fn refused(z: &Measurements, error: EkfError) -> Self {
         let mut report = Self::default();
         report.start(z);
+        let rated = z.views.iter().map(|view| view.rate.is_some());
+        for (rate, _) in report.rates.iter_mut().zip(rated).filter(|(_, is)| *is) {
+            *rate = MeasurementOutcome::Refused;
+        }
         let lists = [&mut report.bearings, &mut report.depths].into_iter();
         for list in lists.chain(&mut report.views) {
             list.fill(MeasurementOutcome::Refused);
@@ -191,7 +201,9 @@ impl UpdateReport {
 
     /// Resets the report for these measurements; the lists keep their capacity.
     pub(crate) fn start(&mut self, z: &Measurements) {
-        let [mut bearings, mut depths] = [&mut self.bearings, &mut self.depths].map(std::mem::take);
+        let lists = [&mut self.bearings, &mut self.depths, &mut self.rates];
+        let [mut bearings, mut depths, mut rates] = lists.map(std::mem::take);
+        refill(&mut rates, MeasurementOutcome::Unused, z.views.len());
         refill(
             &mut bearings,
             MeasurementOutcome::NotVisible,
@@ -209,6 +221,7 @@ impl UpdateReport {
             bearings,
             depths,
             views,
+            rates,
             worn_poses,
             exact: true,
             accepted: true,

@@ -14,6 +14,8 @@ pub(crate) enum Source {
     WornPixel(usize, u64),
     /// Three rows: a depth from another sensor.
     Depth(usize),
+    /// Three rows: the rate that the view's own gyroscope tells.
+    Rate,
 }
 
 impl Source {
@@ -22,7 +24,7 @@ impl Source {
         match self {
             Self::Point(i) => Some(i),
             Self::Depth(i) => Some(pairs + i),
-            Self::Bearing(_) | Self::WornPixel(..) => None,
+            Self::Bearing(_) | Self::WornPixel(..) | Self::Rate => None,
         }
     }
 
@@ -31,6 +33,7 @@ impl Source {
             Self::Bearing(i) => &mut report.bearings[i],
             Self::Point(i) | Self::WornPixel(i, _) => &mut report.views[0][i],
             Self::Depth(i) => &mut report.depths[i],
+            Self::Rate => &mut report.rates[0],
         }
     }
 }

@@ -41,6 +41,7 @@ impl Filter {
         let known_depths = (0..z.depths.len()).filter(|&i| z.depths[i].id.is_some());
         wanted.extend(known_depths.map(Source::Depth));
         wanted.extend((0..z.bearings.len()).map(Source::Bearing));
+        wanted.extend(self.tells_rate(z).then_some(Source::Rate));
         self.workspace.batch.clear();
         with_depth.clear();
         sources.clear();
@@ -61,6 +62,7 @@ impl Filter {
                 (Err(outcome), _) => *outcome,
                 (Ok(_), Source::Bearing(_)) => MeasurementOutcome::Pixel,
                 (Ok(_), Source::Point(_) | Source::Depth(_)) => MeasurementOutcome::Depth,
+                (Ok(_), Source::Rate) => MeasurementOutcome::Rate,
                 (Ok(_), Source::WornPixel(i, id)) => {
                     let known = z.pairs()[i].id.is_some();
                     if known {
@@ -91,7 +93,10 @@ impl Filter {
             (Source::Point(i), Some(worn)) => self.worn_point(worn, &worn.pairs[i]),
             (Source::WornPixel(i, id), Some(worn)) => self.worn_pixel(worn, &worn.pairs[i], id),
             (Source::Depth(i), _) => self.other_depth(&z.depths[i]),
-            (Source::Point(_) | Source::WornPixel(..), None) => Err(MeasurementOutcome::Unused),
+            (Source::Rate, Some(worn)) => self.worn_rate(worn),
+            (Source::Point(_) | Source::WornPixel(..) | Source::Rate, None) => {
+                Err(MeasurementOutcome::Unused)
+            }
         }
     }
 

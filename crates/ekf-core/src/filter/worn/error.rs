@@ -241,7 +241,11 @@ impl Filter {
         uv_f: &Vector2<f64>,
     ) -> Option<TwoView> {
         let worn_camera = self.setup.worn_cameras.get(worn.who)?;
-        let t_cf = worn.t_cf.retract(&self.memory.state.worn_error(worn.who));
+        let mut error = self.memory.state.worn_error(worn.who);
+        if let Some((roll, share)) = self.told_roll(worn).zip(self.worn_roll(worn.who, uv_f)) {
+            error += self.memory.state.part::<6>(roll) * share;
+        }
+        let t_cf = worn.t_cf.retract(&error);
         TwoView::new(&self.setup.camera, uv, worn_camera, uv_f, &t_cf)
     }
 
@@ -273,9 +277,11 @@ impl Filter {
     ) -> f64 {
         let j = view.rho_by_tangent();
         let rolled = self.worn_roll(worn.who, uv_f).map_or(0.0, |share| {
-            (j * roll_covariance(self.setup.settings.worn.readout) * j.transpose())[(0, 0)]
-                * share
-                * share
+            let roll = self.told_roll(worn).map_or_else(
+                || roll_covariance(self.setup.settings.worn.readout),
+                |offset| self.memory.state.p.block::<6, 6>(offset, offset),
+            );
+            (j * roll * j.transpose())[(0, 0)] * share * share
         });
         let pixels = view.rho_variance_from_pixels(
             self.setup.settings.pixel.sigma_cs,

@@ -32,6 +32,7 @@ impl Filter {
             let mut outcome = self.measure_one_more(&worn, used, scratch);
             self.list_born(&worn, outcome.pairs(), &mut born);
             report.views.append(&mut outcome.views);
+            report.rates.append(&mut outcome.rates);
             report.nis += outcome.nis;
             report.dof += outcome.dof;
         }

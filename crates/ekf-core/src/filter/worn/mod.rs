@@ -8,5 +8,6 @@ pub(super) mod later_views;
 pub(super) mod other_time;
 pub(super) mod overlapping;
 pub(super) mod pose;
+pub(super) mod rate;
 pub(super) mod relinearised;
 pub(super) mod view_planning;
