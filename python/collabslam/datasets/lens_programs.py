@@ -137,10 +137,7 @@ def _check_whole(keys: Keys) -> None:
         left, top, *region = [roi.number(name) if roi.has(name) else 0.0 for name in names]
         roi.leave("do_rectify")
     if binned > 1 or (left, top) != (0, 0) or region not in ([0, 0], size):
-        raise DataError(
-            f"The CameraInfo of {keys.where} is for binned or cropped images; give --camera FILE for these "
-            "images."
-        )
+        raise DataError(f"{keys.where} is for binned or cropped images; give --camera FILE for these images.")
 
 
 def _matrix(keys: Keys) -> list[float]:

@@ -89,6 +89,12 @@ def test_a_mosaic_in_a_compressed_message_is_no_grey_picture() -> None:
     )
 
 
+@pytest.mark.parametrize("form", ["h264", "hevc", "bgr8; ffmpeg"])
+def test_a_part_of_a_film_is_told(form: str) -> None:
+    with pytest.raises(DataError, match="part of a film"):
+        messages.image_of(compressed(form, b"\0\0\0\1gx"), "x")
+
+
 def test_what_follows_a_jpeg_is_no_part_of_it(tmp_path: Path) -> None:
     data = cv2.imencode(".jpg", picture())[1].tobytes()
     trailer = b"\0\0\1\x0a\x0e\0\0\0Image_UTC_Data" + bytes(range(255)) + b"SEFT"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -44,6 +45,8 @@ for _bits, _kind in (("8", "u1"), ("16", "u2")):
     _ENCODINGS |= {name + _bits: (1, _kind, code) for name, code in _MOSAICS.items()}
     _ENCODINGS |= {f"{_bits}uc{n}": _ENCODINGS[name + _bits] for n, name in ((3, "bgr"), (4, "bgra"))}
 """Channels, type of a sample and OpenCV's conversion to grey; nv12 begins with the rows of Y."""
+_FILM = re.compile(r"h\.?26[45]|hevc|av1|vp[89]|theora|ffmpeg", re.IGNORECASE)
+"""Formats of a CompressedImage that need what came before."""
 _GREY = ("mono8", "8uc1", "mono16", "16uc1")
 _ALL_BITS = Range(0, 16)
 _ROUGHER = 2.0
@@ -220,6 +223,10 @@ def image_of(message: Any, where: str, used: Range | None = None, mosaic: int | 
     if is_compressed(message):
         pattern = str(message.format).lower().split(";")[0].strip().rstrip("168")
         data = np.asarray(message.data, dtype=np.uint8).tobytes()
+        if film := _FILM.search(str(message.format)):
+            raise DataError(
+                f"The image {where} is a part of a film ({film[0]}), not a picture; record it as jpeg or png."
+            )
         return decode(data, where, deep=used, mosaic=_MOSAICS.get(pattern, mosaic))
     encoding = str(message.encoding).lower()
     if encoding not in _ENCODINGS:
