@@ -117,6 +117,33 @@ TRUE_POSE_MISTAKES = (
 )
 
 
+def body_mistakes(t_bs: Array | None) -> tuple[PoseMistake, ...]:
+    """Of true poses that were a body's and became the camera's by ``T_BS`` (4, 4); none without one."""
+    if t_bs is None:
+        return ()
+    back = pose_inverse(t_bs)
+    return (
+        PoseMistake(
+            "T_BS of Cs is inverted: it maps from the body to the camera",
+            "give its inverse",
+            lambda t: t @ back @ back,
+        ),
+        PoseMistake(
+            "the true poses are those of the camera, not of the body",
+            "give T_BS as the identity",
+            lambda t: t @ back,
+        ),
+    )
+
+
+def rig_mistakes(t_bs: Array | None) -> tuple[PoseMistake, ...]:
+    """Of T_CF by the ``T_BS`` (4, 4) of both cameras, of which that of Cs is given; none without one."""
+    if t_bs is None:
+        return ()
+    fault = "T_BS of both cameras are inverted: they map from the body to the camera"
+    return (PoseMistake(fault, "give their inverses", lambda t: t_bs @ pose_inverse(t) @ pose_inverse(t_bs)),)
+
+
 @dataclass(frozen=True)
 class MirroredCamera:
     """A camera together with how its images have to be turned before its calibration holds.

@@ -25,7 +25,14 @@ from collabslam.checks.matching import (
     match_points,
     share_in_front,
 )
-from collabslam.checks.mistakes import FOCALS, MIRRORS, SIZES, TRUE_POSE_MISTAKES, MirroredCamera
+from collabslam.checks.mistakes import (
+    FOCALS,
+    MIRRORS,
+    SIZES,
+    TRUE_POSE_MISTAKES,
+    MirroredCamera,
+    body_mistakes,
+)
 from collabslam.checks.samples import CLEAR_GAIN, least, spread
 from collabslam.datasets.poses import interpolate_track
 from collabslam.geometry import pose_inverse
@@ -206,7 +213,7 @@ def _trials(
         ):
             fault = f"the {of} are in the order of names as text (0, 1, 10, 11, 2)"
             yield _Trial(fault, remedy, model, poses)
-    for mistake in TRUE_POSE_MISTAKES:
+    for mistake in (*TRUE_POSE_MISTAKES, *body_mistakes(getattr(recording, "t_bs", None))):
         poses = np.array([mistake.undo(t) if np.isfinite(t).all() else t for t in truth])
         yield _Trial(mistake.fault, mistake.remedy, model, poses)
 

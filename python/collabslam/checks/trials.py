@@ -14,6 +14,7 @@ from collabslam.checks.mistakes import (
     WORN_POSE_MISTAKES,
     MirroredCamera,
     PoseMistake,
+    rig_mistakes,
     undone,
 )
 from collabslam.checks.robot import RobotReport
@@ -41,10 +42,14 @@ class Trial(NamedTuple):
 
 
 def worn_trials(
-    models: tuple[MirroredCamera, MirroredCamera], views: list[View], between: float, robot: RobotReport
+    models: tuple[MirroredCamera, MirroredCamera],
+    views: list[View],
+    between: float,
+    robot: RobotReport,
+    t_bs: Array | None = None,
 ) -> Iterator[Trial]:
-    """What is given with each usual mistake undone."""
-    for mistake in WORN_POSE_MISTAKES:
+    """What is given with each usual mistake undone; ``t_bs`` is that of Cs, where T_CF follows from it."""
+    for mistake in (*WORN_POSE_MISTAKES, *rig_mistakes(t_bs)):
         yield Trial(mistake.fault, mistake.remedy, models, mistake=mistake)
     yield from _swaps(models)
     yield from clock_trials(models, views, between, alone=not robot.by_gap)

@@ -108,7 +108,8 @@ def check_worn(recording: AtFrames, robot: RobotReport) -> WornReport:
     verdicts = [_asked(view, given) for view in views]
     error = _error(views, verdicts)
     between = float(np.median(np.diff(recording.times)))
-    trials = list(worn_trials(models, views, between, robot))
+    t_bs = recording.t_bs if recording.rig_used else None
+    trials = list(worn_trials(models, views, between, robot, t_bs))
     tried, white = [_costs(views, t) for t in trials], _white_share(views, given)
     best = int(np.argmax([_gain(views, costs, cost, white) for cost in tried]))
     gain = _gain(views, costs, tried[best], min(white, _white_share(views, trials[best])))

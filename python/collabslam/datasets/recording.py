@@ -52,6 +52,8 @@ class ImageRecording(WithWornCameras):
         Samples of the gyroscope that goes with it.
     masks : Masks
         What is never scene.
+    t_bs : (4, 4) float64 or None
+        Maps points of Cs into the body that the true poses were of, by which they became those of Cs.
     worn : mapping
         What each worn camera took, by the name of whoever wears it; "" is that of a single one.
 
@@ -74,6 +76,7 @@ class ImageRecording(WithWornCameras):
     left_out: int = 0
     odometry: Odometry | None = None
     imu: ImuLog | None = None
+    t_bs: Array | None = None
     masks: Masks = field(default_factory=Masks)
 
     def __post_init__(self) -> None:

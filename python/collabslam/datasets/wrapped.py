@@ -45,6 +45,7 @@ class WrappedRecording:
         self.rig_used: bool = getattr(base, "rig_used", False)
         self.odometry: Odometry | None = getattr(base, "odometry", None)
         self.imu: ImuLog | None = getattr(base, "imu", None)
+        self.t_bs: Array | None = getattr(base, "t_bs", None)
         self.masks: Masks = masks_of(base)
         self.has_depth: bool = getattr(base, "has_depth", False)
 

@@ -14,7 +14,7 @@ import pytest
 
 from collabslam import geometry as g
 from collabslam._core import Camera
-from collabslam.checks import lengths, matching, robot, views
+from collabslam.checks import lengths, matching, mistakes, robot, views
 from collabslam.checks.alone import focal_range
 from collabslam.checks.calibration import check_calibration
 from collabslam.checks.mistakes import (
@@ -160,6 +160,15 @@ def change_truth(walk: Walk, change: Callable[[Array], Array]) -> None:
     walk.truth = np.array([change(t) for t in walk.truth])
 
 
+MOUNT = g.pose(g.rotation_exp(np.array([0.3, -0.4, 1.5])), np.array([0.02, 0.1, -0.05]))
+
+
+def by_body(walk: Walk, change: Callable[[Array], Array]) -> None:
+    """The true poses came by a T_BS, that of `MOUNT` or its inverse."""
+    walk.t_bs = MOUNT
+    change_truth(walk, change)
+
+
 def shift_truth(walk: Walk, seconds: float) -> None:
     base = walk._base
     walk.truth = interpolate_track(base.times, base.truth, walk.times + seconds)
@@ -208,6 +217,7 @@ TRUE_POSES: list[tuple[str, Callable[[Walk], object], str]] = [
     ("size", lambda w: recalibrate(w, "camera", size=2.0), "scaled after the calibration, by 0.50"),
     ("opengl", lambda w: change_truth(w, lambda t: t @ OPENGL_FROM_OPTICAL), "--poses-axes opengl"),
     ("unity", lambda w: change_truth(w, left_handed), "or its poses are left-handed (Unity"),
+    ("T_BS", lambda w: by_body(w, lambda t: t @ MOUNT @ MOUNT), "T_BS of Cs is inverted"),
     ("order", lambda w: setattr(w, "truth", w.truth[AS_TEXT]), "The poses are in the order of"),
 ]  # fmt: skip
 
@@ -247,6 +257,18 @@ T_CF: list[tuple[str, Callable[[Walk], object], str]] = [
     ("focal", lambda w: recalibrate(w, "worn_camera", focal=1.1), "focal length of C"),
     ("millimetres", lambda w: change_t_cf(w, lengthen(1000.0)), "m long: no two cameras see one scene"),
 ]  # fmt: skip
+
+
+def test_what_t_bs_did_wrong_is_undone() -> None:
+    true, other = g.pose(g.rotation_exp(np.array([0.1, 0.2, 0.3])), np.array([1.0, 2.0, 3.0])), MOUNT @ MOUNT
+    inverted, own = mistakes.body_mistakes(MOUNT)
+    np.testing.assert_allclose(inverted.undo(true @ MOUNT @ MOUNT), true, atol=1e-12)
+    np.testing.assert_allclose(own.undo(true @ MOUNT), true, atol=1e-12)
+    (both,) = mistakes.rig_mistakes(MOUNT)  # of cameras whose T_BS are the inverses of MOUNT and of `other`
+    np.testing.assert_allclose(
+        both.undo(g.pose_inverse(MOUNT) @ other), MOUNT @ g.pose_inverse(other), atol=1e-12
+    )
+    assert mistakes.body_mistakes(None) == mistakes.rig_mistakes(None) == ()
 
 
 @pytest.mark.parametrize(("put", "said"), [m[1:] for m in T_CF], ids=[m[0] for m in T_CF])

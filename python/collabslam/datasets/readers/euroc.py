@@ -31,13 +31,14 @@ def matches(path: Path) -> bool:
     return (_root(path.absolute()) / "mav0" / "cam0").is_dir()
 
 
-def _truth(root: Path, times: Array) -> Array | None:
+def _truth(root: Path, times: Array) -> tuple[Array | None, Array | None]:
+    """True poses of Cs, and the T_BS by which they were those of the body."""
     body = root / "mav0" / "state_groundtruth_estimate0" / "data.csv"
     if not body.is_file():
-        return None
+        return None, None
     stamps, poses = read_track(body, euroc=True)
-    t_bc = load_extrinsics(root / "mav0" / "cam0" / "sensor.yaml")
-    return interpolate_track(stamps, poses @ t_bc, times)
+    t_bs = load_extrinsics(root / "mav0" / "cam0" / "sensor.yaml")
+    return interpolate_track(stamps, poses @ t_bs, times), t_bs
 
 
 def _rig(root: Path, stamps: list[int]) -> Rig | None:
@@ -55,12 +56,14 @@ def open(path: Path) -> ImageRecording:
     root = _root(path.absolute())
     stamps, paths = read_stream(root / "mav0" / "cam0")
     times = np.asarray([seconds(s) for s in stamps])
+    truth, t_bs = _truth(root, times)
     return ImageRecording(
         name=root.name,
         source=str(root),
         camera=load_camera(root / "mav0" / "cam0" / "sensor.yaml"),
         paths=tuple(paths),
         times=times,
-        truth=_truth(root, times),
+        truth=truth,
+        t_bs=t_bs,
         rig=_rig(root, stamps),
     )
