@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import shutil
@@ -283,3 +284,36 @@ def test_links_between_pages_lead_somewhere() -> None:
                 target in ("settings.md", "commands.md", "numbers.md") or target.startswith("rust/")
             )
             assert generated or (page.parent / target).exists(), (page.name, target)
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="KaTeX runs in a browser, or in node")
+def test_every_formula_is_set() -> None:
+    formulas = [
+        formula
+        for page in PAGES
+        for pair in re.findall(
+            r"\$\$(.+?)\$\$|(?<![\\$\w])\$(?!\s)([^$\n]+?)(?<!\s)\$(?![\w$])", outside_code(page), re.DOTALL
+        )
+        for formula in pair
+        if formula
+    ]
+    assert formulas
+    program = (
+        "const katex = require(process.argv[1]);"
+        "for (const tex of JSON.parse(require('fs').readFileSync(0, 'utf8')))"
+        "  katex.renderToString(tex, { throwOnError: true });"
+    )
+    command = ["node", "-e", program, str(ROOT / "docs" / "katex" / "katex.min.js")]
+    done = subprocess.run(command, check=False, input=json.dumps(formulas), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_lines_of_the_method_are_short() -> None:
+    page = (ROOT / "docs" / "METHOD.md").read_text(encoding="utf-8")
+    assert [line for line in page.splitlines() if len(line) > 110 and not line.startswith("|")] == []
+
+
+def outside_code(page: Path) -> str:
+    """A page without its blocks and spans of code."""
+    text = re.sub(r"^ *```.*?^ *```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return re.sub(r"`[^`\n]+`", "", text)
