@@ -17,11 +17,16 @@ _LIBRARIES = {
 }
 
 
+def how_to_get(extra: str) -> str:
+    """How an extra is installed; no registry has the package itself."""
+    return f"in the folder of the sources: pip install '.[{extra}]'"
+
+
 def drawing() -> bool:
     """Whether pictures can be drawn; says on standard error how to get them where they cannot."""
     if find_spec("matplotlib") is not None:
         return True
-    print("no pictures: matplotlib is missing; pip install 'collabslam[plot]'", file=sys.stderr)
+    print(f"no pictures: matplotlib is missing; {how_to_get('plot')}", file=sys.stderr)
     return False
 
 
@@ -31,6 +36,4 @@ def needs(extra: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise DataError(
-            f"This needs {_LIBRARIES[extra]} ({error}); install it with: pip install 'collabslam[{extra}]'."
-        ) from error
+        raise DataError(f"This needs {_LIBRARIES[extra]} ({error}); {how_to_get(extra)}.") from error

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from collabslam.batch.isolated import Stop, asking, one
 from collabslam.errors import DataError, SettingsError
+from collabslam.extras import how_to_get
 
 ENGINES = ("local", "dask")
 T = TypeVar("T")
@@ -152,9 +153,7 @@ class Engine:
             import dask
             from distributed import Client, KilledWorker, LocalCluster
         except ImportError as error:
-            raise DataError(
-                f"This needs distributed ({error}); install it with: pip install 'collabslam[cluster]'."
-            ) from error
+            raise DataError(f"This needs distributed ({error}); {how_to_get('cluster')}.") from error
         with contextlib.ExitStack() as stack:
             stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": TRIES}))
             address = self.scheduler

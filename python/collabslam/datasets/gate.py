@@ -194,6 +194,8 @@ def read_keys(path: Path) -> Keys:
             content = _yaml(text)
     except (ValueError, RecursionError, yaml.YAMLError, ElementTree.ParseError) as error:
         reason = " ".join(str(error).split())
+        if isinstance(error, json.JSONDecodeError) and error.msg == "Extra data":
+            reason = "it has one object after the other: give a single one, or poses as lines of numbers"
         raise DataError(
             f"The file {path} is not valid YAML, JSON or OpenCV's XML ({reason}); correct it."
         ) from error

@@ -31,7 +31,7 @@ _DISTORTION = (
     "distortion_coefficients", "distortion_coeffs", "distortionCoefficients", "dist_coeffs", "dist_coeff",
     "dist_coefs", "distCoeffs", "dist", "distortion", "coeffs", "D", "d", "Distortion_Coefficients",
 )  # fmt: skip
-_SIZE = ("resolution", "image_size", "imageSize", "img_size", "DIM")
+_SIZE = ("resolution", "image_size", "imageSize", "img_size", "DIM", "imageResolution")
 _WIDTH = ("image_width", "imageWidth", "image_Width", "width", "w", "cols")
 _HEIGHT = ("image_height", "imageHeight", "image_Height", "height", "h", "rows")
 _MODEL = ("distortion_model", "model")
