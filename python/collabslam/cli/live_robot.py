@@ -131,8 +131,10 @@ def device_names(text: str) -> tuple[str, ...]:
 
 def report(summary: dict[str, Any]) -> str:
     """What came out, in a few lines."""
+    from collabslam.live.status_line import WITH
+
     lines = [f"{summary['frames']} frames"]
-    for name in ("statuses", "links"):
-        lines[0] += ", " + ", ".join(f"{v} {k}" for k, v in sorted(summary[name].items()))
+    for name, words in (("statuses", {}), ("links", WITH)):
+        lines[0] += ", " + ", ".join(f"{v} {words.get(k, k)}" for k, v in sorted(summary[name].items()))
     lines += [f"  {k}: {v}" for k, v in sorted(summary.items()) if k.startswith(("dropped ", "no pose: "))]
     return "\n".join([*lines, f"  results are in {summary['folder']}"])

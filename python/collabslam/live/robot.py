@@ -28,7 +28,7 @@ from collabslam.live.printed import make_slam
 from collabslam.live.record import EventWriter
 from collabslam.live.results import ENGINE, LiveResults
 from collabslam.live.slam import LiveSlam
-from collabslam.live.status_line import StatusLine
+from collabslam.live.status_line import WITH, StatusLine
 from collabslam.live.uplink import Uplink
 from collabslam.runs.folder import claim, locked
 from collabslam.settings.table import Settings
@@ -278,8 +278,7 @@ def status_text(
     dropped = sum(int(n) for what, n in facts.items() if what.startswith("dropped "))
     images = f", images of {', '.join(ages)} old" if ages else ""
     images += "".join(f", none of {name} for {seconds:.0f} s" for name, seconds in gone.items())
-    with_whom = "with the worn camera" if pose.link == "collab" else "alone"
-    return f"frame {frames}: {step.status.value}, {with_whom}, {where}{images}, {dropped} dropped"
+    return f"frame {frames}: {step.status.value}, {WITH[pose.link]}, {where}{images}, {dropped} dropped"
 
 
 def merged(report: Mapping[str, float], counts: Mapping[str, int]) -> dict[str, float]:

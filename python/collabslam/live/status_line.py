@@ -8,6 +8,8 @@ import threading
 import time
 from typing import TextIO
 
+WITH = {"collab": "with the worn camera", "mono": "alone"}
+"""Whether the worn camera helped in a frame, in words."""
 ON_TERMINAL, ELSEWHERE = 0.5, 30.0
 """Seconds between two lines on a terminal, and in a log."""
 

@@ -216,7 +216,9 @@ def _scene(axes: Axes, runs: list[RunResult]) -> None:
     if sure.any():
         style_of: dict[str, Any] = {"s": 7, "color": POINTS, "linewidths": 0, "zorder": 1}
         axes.scatter(points[sure, 2], points[sure, 0], label="points of the map", **style_of)
-    worn = np.where((last.record.valid & _worn(last.record))[:, None], last.record.poses[:, :3, 3], np.nan)
+    there = _worn(last.record)
+    there[1:] |= there[:-1]  # up to the frame after: a single view is seen as well
+    worn = np.where((last.record.valid & there)[:, None], last.record.poses[:, :3, 3], np.nan)
     if np.isfinite(worn).any():
         style: dict[str, Any] = {"color": WORN, "linewidth": 11, "alpha": 0.35, "solid_capstyle": "round"}
         axes.plot(worn[:, 2], worn[:, 0], label="worn camera at hand", zorder=2, **style)
