@@ -45,7 +45,7 @@ _SURE_M = 0.3
 def plot_run(result: RunResult, path: Path) -> None:
     """Write the picture of one run: top view with covariance ellipses, error and 3-sigma below."""
     summary = result.summary
-    figure, top, bottom = _canvas((11.0, 8.0), f"{summary['recording']}, {summary['mode']}", _told(summary))
+    figure, top, bottom = _canvas((9.0, 7.2), f"{summary['recording']}, {summary['mode']}", _told(summary))
     colour = COLOURS.get(summary["mode"], POINTS)
     _truth(top, result.truth)
     _path(top, result.record, colour, "the robot's way, as found", ends=True)
@@ -67,7 +67,7 @@ def plot_comparison(results: Mapping[str, RunResult], path: Path, *, title: str)
     title : str
     """
     runs = list(results.values())
-    figure, top, bottom = _canvas((12.0, 7.0), title, "Seen from above, both ways from one start.")
+    figure, top, bottom = _canvas((9.0, 7.2), title, "Seen from above, both ways from one start.")
     _truth(top, runs[-1].truth)
     modes = [result.summary["mode"] for result in runs]
     alike = len(set(modes)) < len(modes)
@@ -97,7 +97,7 @@ def _canvas(size: tuple[float, float], title: str, told: str) -> tuple[Figure, A
     figure = Figure(figsize=size, dpi=100)
     figure.suptitle(title, fontsize=14, fontweight="bold", y=0.985)
     figure.text(0.5, 0.932, told, ha="center", fontsize=10.5, color="#57606a")
-    top, bottom = figure.add_axes((0.075, 0.465, 0.905, 0.445)), figure.add_axes((0.075, 0.08, 0.905, 0.255))
+    top, bottom = figure.add_axes((0.085, 0.465, 0.895, 0.445)), figure.add_axes((0.085, 0.08, 0.895, 0.255))
     for axes in (top, bottom):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(color="#e6e8eb", linewidth=0.7)
@@ -327,7 +327,15 @@ def _dress_errors(axes: Axes, runs: list[RunResult]) -> None:
     axes.set_xlabel("time (s)")
     axes.set_ylabel(f"position error ({unit})" if largest > 0.0 else f"3 sigma of the position ({unit})")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=9, ncols=5, frameon=False)
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(-0.01, 1.0),
+            fontsize=9,
+            ncols=5,
+            columnspacing=1.0,
+            handlelength=1.5,
+            frameon=False,
+        )
 
 
 def _save(figure: Figure, path: Path) -> None:
