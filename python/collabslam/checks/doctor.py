@@ -145,7 +145,7 @@ _REMEDIES = {
     "t_cf": "check its frame, unit, clock and covariance, and the focal lengths (collabslam check-calib)",
     "cf_matches": "T_CF is off by more than its covariance says, or a focal length is wrong (check-calib)",
     "size": "the map has lost its scale, as in a turn that showed little that stands still, or T_CF is too "
-    "long or too short",
+    "long or too short, or depths are in another unit (--depth-scale)",
     "jump": "the images repeat or skip (a buffer that is played again), their stamps are wrong, or two "
     "places look the same",
     "matches": "things move over much of the image, the focal length is wrong, or one camera alone does not "
@@ -354,7 +354,9 @@ def _scale(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
             else "in spite of overlap"
         )
         depth = (
-            " Its depths may be in another unit: see --depth-scale." if summary["start"] == "depth" else ""
+            " Its depths may be in another unit: see --depth-scale."
+            if summary.get("start") == "depth"
+            else ""
         )
         yield f"The path's scale is off by {100 * scale:+.0f} % against the truth, {where}.{depth}"
 

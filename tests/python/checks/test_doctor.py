@@ -59,6 +59,8 @@ WORN = {"worn": 1, "overlap": 1, "cf_points": 100, "cf_matches": 30}
         (many(25) + many(5, status="COASTING"), {}, "In 5 of 30 frames"),
         (many(degraded_by="moving"), {}, "30 frames are not to be trusted: new points do not move"),
         (many(degraded_by="cf_matches"), {}, "30 frames are not to be trusted: points of the map"),
+        (many(degraded_by="size"), {}, "depths are in another unit (--depth-scale)"),
+        (many(), {"start": "depth", "scale_error": 4.0}, "Its depths may be in another unit"),
         (many(predicted=9), {}, "The map is thin: 9 features"),
         (many(candidates_fixed=2), {}, "60 points turn with the camera"),
         (many(left_out_pct=20, wearers=1), {}, "20 % of the image was left out in the mean of 30 frames"),
