@@ -35,6 +35,8 @@ pub struct Workspace {
     s: Vec<f64>,
     l: Vec<f64>,
     g: Vec<f64>,
+    /// `g` as the tests see it.
+    tested: Vec<f64>,
     noise: Vec<Matrix3<f64>>,
     y: Vec<f64>,
     considered: Considered,
@@ -167,6 +169,16 @@ impl Workspace {
             g: &self.g,
             noise: &self.noise,
             blocks: Blocks::new(&self.offsets),
+        }
+    }
+
+    /// As [`Self::as_batch`], of innovations that are `times` as large.
+    pub fn as_batch_of(&mut self, times: f64) -> Batch<'_> {
+        self.tested.clear();
+        self.tested.extend(self.g.iter().map(|g| g * times));
+        Batch {
+            g: &self.tested,
+            ..self.as_batch()
         }
     }
 

@@ -9,6 +9,13 @@ use crate::validate::{BatchTest, conditional_gate};
 /// Level of the gate that each match passes before the batch is tested: wide, as the tests of the batch are to decide.
 const GATE_LEVEL: f64 = 0.999;
 
+/// A batch is held to be worse than the run's others are if it is so many times as far off, in squares, as these usually.
+const USUALLY: f64 = 2.5;
+/// Least share of the stated variances that is held against it.
+const LEAST_NOISE: f64 = 0.2;
+/// Numbers of the camera that are predicted, and T_CF's, which are off by all that is stated, spread over the batch.
+const PREDICTED: f64 = 3.0;
+
 /// One test: lists the blocks of the batch that fail it, and names their outcome.
 pub(crate) type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> MeasurementOutcome;
 
@@ -64,6 +71,13 @@ impl Filter {
         MeasurementOutcome::RejectedGate
     }
 
+    /// How many times as far off as it is a match counts where matches usually fit better than their stated noise (METHOD 8).
+    fn closer(&self) -> f64 {
+        let rows = self.workspace.batch.rows().max(1) as f64;
+        let usual = (USUALLY * self.memory.nis.usual()).max(LEAST_NOISE);
+        (usual + PREDICTED / rows).min(1.0).sqrt().recip()
+    }
+
     /// Matches that the batch test leaves out.
     fn batch_test(
         &mut self,
@@ -72,7 +86,8 @@ impl Filter {
     ) -> MeasurementOutcome {
         gone.clear();
         let test = BatchTest::chosen(&self.setup.settings.validate);
-        let batch = self.workspace.batch.as_batch();
+        let times = self.closer();
+        let batch = self.workspace.batch.as_batch_of(times);
         if batch.blocks.is_empty() {
             return MeasurementOutcome::RejectedBatch;
         }
@@ -94,7 +109,9 @@ impl Filter {
         if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
             return MeasurementOutcome::RejectedConditional;
         }
-        let batch = self.workspace.batch.as_batch();
+        let times = self.closer();
+        let options = &self.setup.settings.validate;
+        let batch = self.workspace.batch.as_batch_of(times);
         conditional_gate(
             batch.l,
             batch.ld,
