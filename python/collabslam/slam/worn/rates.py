@@ -52,7 +52,9 @@ class WornRates(PersistentState):
     }
 
     def __init__(self, core: Filter, settings: Settings) -> None:
-        self._filter, self._worn = core, settings.filter.worn
+        self._filter = core
+        self._rate_sd = float(settings.filter.worn.rate_sd)
+        self._bias_share = float(settings.filter.worn.bias_share)
         self._refused: Mapping[str, Mask] = {}
         self._before: Mapping[str, Array] = {}  # of the last view: time, attitude in W row by row, rate
         self._used = self._contradicted = 0
@@ -67,6 +69,8 @@ class WornRates(PersistentState):
 
     def take(self, overlap: Overlaps, report: UpdateReport) -> None:
         """Takes in what became of the rates of a frame's views."""
+        if all(one.given.rate is None for one in overlap.used):
+            return
         for one, outcome in zip(overlap.used, report.rates.names, strict=True):
             if outcome in _SAID:
                 self._note(one.worn.who, refused=outcome != "rate")
@@ -98,9 +102,9 @@ class WornRates(PersistentState):
         if not 0.0 < apart <= _NEAR:
             return False
         given, last = one.given, before[10:]
-        lasts = given.covariance * self._worn.bias_share if given.bias is None else given.bias
+        lasts = given.covariance * self._bias_share if given.bias is None else given.bias
         spread = 2.0 * (given.covariance - lasts)[3:, 3:] / apart**2
-        sds = (self._worn.rate_sd, 0.5 * np.linalg.norm(rate - last), _POSE_SD)
+        sds = (self._rate_sd, 0.5 * np.linalg.norm(rate - last), _POSE_SD)
         bent = _BENT * max(np.linalg.norm(rate), np.linalg.norm(last))
         spread = spread + np.eye(3) * float(np.sum(np.square([*sds, bent])))
         turned = rotation_log(before[1:10].reshape(3, 3).T @ attitude) / apart
