@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from collabslam.errors import CollabslamError, SettingsError
 
 if TYPE_CHECKING:
-    from collabslam.datasets.imu.beside import GyroGiven
+    from collabslam.datasets.imu.beside import GyroGiven, WornGyroGiven
     from collabslam.datasets.odometry import OdometryGiven
     from collabslam.datasets.source import Source
     from collabslam.runs.runner import Watch
@@ -85,6 +85,7 @@ def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         "any recording with images of Cf: t_cf=tag:36h11:3=0.16",
     )
     add_gyro(group)
+    add_worn_gyro(group)
 
 
 def add_gyro(group: argparse._ActionsContainer) -> None:
@@ -102,6 +103,17 @@ def add_gyro(group: argparse._ActionsContainer) -> None:
         help="how the gyroscope sits and how good it is: imu.yaml or camchain-imucam.yaml, as Kalibr writes "
         "them; or its axes: optical, opengl, ros, phone-left, phone-right",
     )
+
+
+def add_worn_gyro(group: argparse._ActionsContainer) -> None:
+    """The worn camera's own gyroscope, and how it sits."""
+    group.add_argument(
+        "--worn-gyro",
+        metavar="FILE|TOPIC|none",
+        help="a gyroscope of Cf's own, as --gyro that of Cs, along the axes of Cf unless --worn-imu says "
+        "otherwise: how its rolling shutter turned",
+    )
+    group.add_argument("--worn-imu", metavar="FILE|AXES", help="how that sits, as --imu")
 
 
 def add_odometry(parser: argparse.ArgumentParser) -> None:
@@ -257,6 +269,7 @@ def source_of(arguments: argparse.Namespace) -> Source:
         axes,
         gyro_of(arguments),
         arguments.mask,
+        _worn_gyro_of(arguments),
     )
     return Source(arguments.source, given)
 
@@ -268,6 +281,15 @@ def gyro_of(arguments: argparse.Namespace) -> GyroGiven | None:
     if arguments.gyro is None and arguments.imu is None:
         return None
     return GyroGiven(arguments.gyro, arguments.imu)
+
+
+def _worn_gyro_of(arguments: argparse.Namespace) -> WornGyroGiven | None:
+    """What `add_worn_gyro` asks for."""
+    from collabslam.datasets.imu.beside import WornGyroGiven
+
+    if arguments.worn_gyro is None and arguments.worn_imu is None:
+        return None
+    return WornGyroGiven(arguments.worn_gyro, arguments.worn_imu)
 
 
 def odometry_of(arguments: argparse.Namespace) -> OdometryGiven | None:

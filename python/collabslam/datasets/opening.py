@@ -11,7 +11,8 @@ from typing import NamedTuple
 from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.frame_poses import poses_of_frames
-from collabslam.datasets.imu.beside import GyroGiven, imu_log
+from collabslam.datasets.imu.beside import GyroGiven, WornGyroGiven, imu_log
+from collabslam.datasets.imu.worn import with_worn_rates
 from collabslam.datasets.masks import masks_beside
 from collabslam.datasets.odometry import OdometryGiven, read_odometry
 from collabslam.datasets.ordered import DiskRecording, in_order
@@ -163,7 +164,7 @@ def open_recording(  # noqa: PLR0913 (each is an input of its own)
         Of a bag: the topic for each role, see `collabslam.datasets.ros.reader.ROLES`.
     sensors
         Odometry and gyroscope, in a file or a topic of the bag, in place of the recording's own; or that
-        there is to be none.
+        there is to be none. A `WornGyroGiven` is that of Cf.
     depth_scale
         Counts of a 16-bit depth image at one metre; the calibration's, 5000 of TUM RGB-D and 1000 of a bag
         unless told.
@@ -188,8 +189,16 @@ def open_recording(  # noqa: PLR0913 (each is an input of its own)
         raise DataError(f"The depth scale is {depth_scale}; give counts at one metre, above zero.")
     given = Given(camera, times, poses, dict(topics or {}), None, depth_scale, dict(axes or {}), mask=mask)
     for one in _checked(sensors):
-        given = replace(given, odometry=one) if isinstance(one, OdometryGiven) else replace(given, gyro=one)
+        given = _with_sensor(given, one)
     return open_given(Path(source), given)
+
+
+def _with_sensor(given: Given, sensor: OdometryGiven | GyroGiven) -> Given:
+    if isinstance(sensor, OdometryGiven):
+        return replace(given, odometry=sensor)
+    if isinstance(sensor, WornGyroGiven):
+        return replace(given, worn_gyro=sensor)
+    return replace(given, gyro=sensor)
 
 
 def _checked(sensors: Iterable[OdometryGiven | GyroGiven]) -> list[OdometryGiven | GyroGiven]:
@@ -224,6 +233,7 @@ def open_given(path: Path, given: Given) -> DiskRecording:
     if given.odometry is not None:
         recording = replace(recording, odometry=_odometry(path, given.odometry))
     recording = _with_gyro(path, in_order(recording), given)
+    recording = with_worn_rates(recording, path, given.worn_gyro, given.topics)
     recording = replace(recording, masks=masks_beside(recording, given))
     check_rate(recording.times, recording.source)
     recording.image(0)  # Says at once if the calibration is for another resolution.
@@ -233,7 +243,13 @@ def open_given(path: Path, given: Given) -> DiskRecording:
 def _with_gyro(path: Path, recording: DiskRecording, given: Given) -> DiskRecording:
     """With the samples of the gyroscope that goes with it, if one does."""
     log = imu_log(
-        path, recording.times, recording.camera, given.gyro, calibration=given.camera, topics=given.topics
+        path,
+        recording.times,
+        recording.camera,
+        given.gyro,
+        calibration=given.camera,
+        topics=given.topics,
+        worn=None if given.worn_gyro is None else given.worn_gyro.source,
     )
     return recording if log is None else replace(recording, imu=log)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from collabslam.datasets.imu.beside import GyroGiven
+from collabslam.datasets.imu.beside import GyroGiven, WornGyroGiven
 from collabslam.datasets.odometry import OdometryGiven
 
 
@@ -34,6 +34,8 @@ class Given:
         An image of what is never scene in those of Cs, in place of the one that its calibration names.
     gyro : GyroGiven or None
         A gyroscope beside the recording, or a topic of it, in place of its own; or that there is none.
+    worn_gyro : WornGyroGiven or None
+        The same of the only worn camera's own.
     """
 
     camera: Path | None = None
@@ -45,3 +47,4 @@ class Given:
     axes: Mapping[str, str] = field(default_factory=dict)
     gyro: GyroGiven | None = None
     mask: Path | None = None
+    worn_gyro: WornGyroGiven | None = None

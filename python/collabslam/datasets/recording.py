@@ -50,6 +50,8 @@ class ImageRecording(WithWornCameras):
     odometry : Odometry or None
     imu : ImuLog or None
         Samples of the gyroscope that goes with it.
+    worn_imu : mapping
+        Those of the worn cameras' own, by name: their rates are in the views.
     masks : Masks
         What is never scene.
     t_bs : (4, 4) float64 or None
@@ -77,6 +79,7 @@ class ImageRecording(WithWornCameras):
     odometry: Odometry | None = None
     imu: ImuLog | None = None
     t_bs: Array | None = None
+    worn_imu: Mapping[str, ImuLog] = field(default_factory=dict)
     masks: Masks = field(default_factory=Masks)
 
     def __post_init__(self) -> None:

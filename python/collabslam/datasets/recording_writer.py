@@ -18,6 +18,7 @@ from collabslam._core import Camera, Filter
 from collabslam.datasets.calibration import sensor_mapping
 from collabslam.datasets.imu import description
 from collabslam.datasets.imu.beside import FOLDER as IMU_FOLDER
+from collabslam.datasets.imu.worn import place_of as worn_imu_place
 from collabslam.datasets.odometry import TRIANGLE
 from collabslam.datasets.readers.collab import FORMAT, SEVERAL, VERSION, folder_name, worn_place
 from collabslam.datasets.units import NANOSECONDS
@@ -117,6 +118,7 @@ class RecordingWriter:
         self._camera, self._worn_cameras = camera, cameras
         self._lists: dict[Path, LineFile] = {}
         self._last = self._last_odometry = self._last_gyro = -1
+        self._last_worn_gyro: dict[str, int] = {}
         self._views: set[tuple[str, int]] = set()
         self._bodies: dict[str, bool] = {}
         self._t_bc = np.eye(4) if t_bc is None else checked_pose(t_bc, "T_BC")
@@ -167,7 +169,8 @@ class RecordingWriter:
             Grey image of Cs; `collabslam.to_grey` makes one of any other.
         views : sequence of WornView, optional
             At most one of each worn camera, at the same instant or, with its time, of another one.  Read back
-            it comes with the first frame from its time on, whenever it arrived here.
+            it comes with the first frame from its time on, whenever it arrived here.  Its ``rate`` is not
+            written: that is what the samples of `add_worn_gyro` tell.
         truth : (4, 4) array, optional
             True ``T_WC`` of Cs, for scores only.
 
@@ -280,6 +283,43 @@ class RecordingWriter:
             line = ",".join([str(stamp), *(repr(float(x) + 0.0) for x in numbers)])
             self._append(folder / "data.csv", header, line)
         self._last_gyro = stamp
+
+    def add_worn_gyro(self, t: float, rate: ArrayLike, who: str = "") -> None:
+        """Adds a sample of a worn camera's own gyroscope, in any order with the frames and its views.
+
+        Parameters
+        ----------
+        t : float
+            Stamp, seconds, not negative, later than the last sample's; by the clock of the frames.
+        rate : (3,) array
+            Angular velocity along the axes of Cf, rad/s.
+        who : str
+            Whose it is, of several persons.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, an impossible rate, a stamp that does not follow, or a worn camera that is not
+            there; nothing changes then.
+        DataError
+            If the disk is full.
+        """
+        if not self._open:
+            raise InputError("The recording is closed; begin another one, in another folder.")
+        if who not in self._worn_cameras:
+            raise InputError(f"There is no worn camera {who!r}; give the writer its calibration.")
+        before = self._last_worn_gyro.get(who, -1)
+        stamp = following_stamp(t, before)
+        turning = array_of(rate, (3,), "rate")
+        Filter.check_gyro(turning)
+        with self._writable():
+            folder = worn_imu_place(self._partial, who)
+            if before < 0:
+                folder.mkdir(parents=True)
+                _write_yaml(folder / "sensor.yaml", description.mapping(Imu(np.eye(3))))
+            line = ",".join([str(stamp), *(repr(float(x) + 0.0) for x in turning)])
+            self._append(folder / "data.csv", _RATE_COLUMNS, line)
+        self._last_worn_gyro[who] = stamp
 
     def close(self) -> None:
         """Gives the folder its name; raises DataError if there is no frame, or the name cannot be taken."""
@@ -451,6 +491,10 @@ def write_recording(
             forces = log.accelerations if log.accelerations is not None else [None] * len(log)
             for t, rate, force in zip(log.times.tolist(), log.rates, forces, strict=True):
                 writer.add_gyro(t, rate, force)
+        for who, own in getattr(recording, "worn_imu", {}).items():
+            for t, rate in zip((own.times + own.sensor.time_offset).tolist(), own.rates, strict=True):
+                if t >= 0.0:
+                    writer.add_worn_gyro(t, own.sensor.r_ci @ rate, who)
         if odometry is not None:
             rows = zip(odometry.times.tolist(), odometry.twists, odometry.covariances, strict=True)
             for t, twist, covariance in rows:

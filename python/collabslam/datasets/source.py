@@ -10,7 +10,7 @@ from typing import Any
 
 from collabslam.datasets.emulated.pose_noise import PoseNoise
 from collabslam.datasets.emulated.worn import WornRecording, attach_worn
-from collabslam.datasets.imu.beside import GyroGiven
+from collabslam.datasets.imu.beside import GyroGiven, WornGyroGiven
 from collabslam.datasets.masks import WithWornMasks
 from collabslam.datasets.odometry import OdometryGiven
 from collabslam.datasets.opening import open_given
@@ -102,6 +102,7 @@ class Source:
                 "axes": dict(self.given.axes),
                 "odometry": _odometry_state(self.given),
                 "gyro": _gyro_state(self.given.gyro),
+                "worn_gyro": _gyro_state(self.given.worn_gyro),
             },
             "worn": None if self.worn is None else self._worn_state(self.worn),
             "frames": self.frames,
@@ -134,6 +135,7 @@ class Source:
         )
 
 
+_GYRO = optional(fields(source=optional(text()), imu=optional(text())))
 STATE = fields(
     path=text(),
     given=fields(
@@ -144,7 +146,8 @@ STATE = fields(
         topics=table(str, text()),
         depth_scale=optional(number(0.0)),
         axes=table(str, text()),
-        gyro=optional(fields(source=optional(text()), imu=optional(text()))),
+        gyro=_GYRO,
+        worn_gyro=_GYRO,
         odometry=optional(
             fields(
                 source=text(),
@@ -197,7 +200,8 @@ def _gyro_state(gyro: GyroGiven | None) -> dict[str, Any] | None:
 
 def _sensors_of(given: Mapping[str, Any]) -> dict[str, Any]:
     gyro = None if given["gyro"] is None else GyroGiven(**given["gyro"])
-    return {"odometry": _odometry_of(given["odometry"]), "gyro": gyro}
+    worn_gyro = None if given["worn_gyro"] is None else WornGyroGiven(**given["worn_gyro"])
+    return {"odometry": _odometry_of(given["odometry"]), "gyro": gyro, "worn_gyro": worn_gyro}
 
 
 def _odometry_of(state: Mapping[str, Any] | None) -> OdometryGiven | None:

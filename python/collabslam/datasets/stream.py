@@ -53,6 +53,7 @@ class StreamRecording(WithWornCameras):
     left_out: int = 0
     odometry: Odometry | None = None
     imu: ImuLog | None = None
+    worn_imu: Mapping[str, ImuLog] = field(default_factory=dict)
     masks: Masks = field(default_factory=Masks)
 
     def __post_init__(self) -> None:

@@ -25,7 +25,7 @@ FOLDER = "imu0"
 NONE = "none"
 LEAST_COVERED = 0.05
 """Share of the frames in the time of the samples below which they are of another time, or in another unit."""
-_NO_GYRO = "--gyro none leaves the gyroscope out"
+_NO_GYRO = "--gyro none leaves the gyroscope out (--worn-gyro none that of Cf)"
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,11 @@ class GyroGiven:
         return read_imu_file(Path(self.imu))
 
 
+@dataclass(frozen=True)
+class WornGyroGiven(GyroGiven):
+    """The same of the only worn camera's own gyroscope, along the axes of Cf unless ``imu`` tells others."""
+
+
 def imu_log(
     path: Path,
     times: Array,
@@ -66,6 +71,7 @@ def imu_log(
     *,
     calibration: Path | None = None,
     topics: Mapping[str, str] | None = None,
+    worn: str | None = None,
 ) -> ImuLog | None:
     """The samples that go with a recording; None where it has none, or none are wanted.
 
@@ -82,6 +88,8 @@ def imu_log(
         A calibration of Cs that is given, which may tell of the sensor, too.
     topics : mapping, optional
         Topics of a bag by role.
+    worn : str, optional
+        The topic of Cf's own gyroscope, which is not that of Cs.
 
     Raises
     ------
@@ -99,10 +107,10 @@ def imu_log(
         folder = next((f for f in own if (f / "data.csv").is_file()), None)
         if folder is not None:
             return _of_folder(folder, path, times, told, calibration, asked=False)
-        topic = only_topic(path) if is_bag(path) else None
+        topic = only_topic(path, worn) if is_bag(path) else None
         if topic is not None:
             told = _placed(told, path, calibration)
-            return _of_topic(path, topic, times, told, topics or {}, asked=False)
+            return _of_topic(path, topic, times, told, topics or {}, "cs", asked=False)
         if given.imu is not None:
             raise DataError(f"{path} has no gyroscope that --imu could tell of; give --gyro FILE|TOPIC.")
         return None
@@ -110,11 +118,68 @@ def imu_log(
     folder = file if file.is_dir() else file.parent
     if (folder / "data.csv").is_file() and (folder / "sensor.yaml").is_file():
         return _of_folder(folder, path, times, told, calibration, asked=True)
-    told = _placed(told, path, calibration)
+    return named_log(path, given.source, times, camera, _placed(told, path, calibration), topics or {}, "cs")
+
+
+def worn_imu_log(
+    path: Path,
+    times: Array,
+    camera: Camera,
+    given: GyroGiven,
+    folder: Path,
+    *,
+    topics: Mapping[str, str],
+) -> ImuLog | None:
+    """The samples of a worn camera's own gyroscope, as `imu_log` gives those of Cs, along the axes of F.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    times : (N,) array
+        Of the camera's views, seconds.
+    camera : Camera
+        Cf.
+    given : GyroGiven
+    folder : Path
+        Where the recording has its own, if it has.
+    topics : mapping
+        Topics of a bag by role.
+
+    Raises
+    ------
+    DataError
+        As `imu_log`; T_BS of EuRoC tells nothing here.
+    """
+    if given.source == NONE:
+        return None
+    told = replace(given.description(), t_bs=None)
+    if given.source is not None:
+        return named_log(path, given.source, times, camera, told, topics, "cf")
+    if (folder / "data.csv").is_file():
+        return _of_folder(folder, path, times, told, None, asked=False)
+    if given.imu is not None:
+        raise DataError(
+            f"{path} has no gyroscope of Cf that --worn-imu could tell of; give --worn-gyro FILE|TOPIC."
+        )
+    return None
+
+
+def named_log(
+    path: Path,
+    source: str,
+    times: Array,
+    camera: Camera,
+    told: ImuFile,
+    topics: Mapping[str, str],
+    whose: str,
+) -> ImuLog | None:
+    """A file, or a topic of the bag at ``path``; ``whose`` is the role of the images that it goes with."""
+    file = Path(source)
     if file.is_file():
-        return _of_table(read_table(file), times, camera, told, str(file))
+        return _of_table(read_table(file), times, camera, told, str(file), whose)
     if is_bag(path):
-        return _of_topic(path, given.source, times, told, topics or {}, asked=True)
+        return _of_topic(path, source, times, told, topics, whose, asked=True)
     raise DataError(
         f"There is no file {file} with a gyroscope's samples, and {path} is not a bag with such a topic; "
         "give a CSV file: stamp, wx, wy, wz (rad/s)."
@@ -157,7 +222,7 @@ def _of_folder(
     return _checked(table, table.clocks, times, told, told.r_ci, str(data))
 
 
-def _of_table(table: Table, times: Array, camera: Camera, told: ImuFile, where: str) -> ImuLog:
+def _of_table(table: Table, times: Array, camera: Camera, told: ImuFile, where: str, whose: str) -> ImuLog:
     r_ci = told.r_ci
     if r_ci is None and table.phone:
         if camera.width > camera.height:
@@ -169,15 +234,16 @@ def _of_table(table: Table, times: Array, camera: Camera, told: ImuFile, where: 
         tell("axes of the gyroscope", "those of a phone held upright", where)
     elif r_ci is None:
         r_ci = np.eye(3)
-        tell("axes of the gyroscope", "those of Cs (--imu tells others)", where)
+        of = "Cs (--imu tells others)" if whose == "cs" else "Cf (--worn-imu tells others)"
+        tell("axes of the gyroscope", f"those of {of}", where)
     return _checked(table, table.clocks, times, told, r_ci, where)
 
 
 def _of_topic(
-    bag: Path, topic: str, times: Array, told: ImuFile, topics: Mapping[str, str], *, asked: bool
+    bag: Path, topic: str, times: Array, told: ImuFile, topics: Mapping[str, str], whose: str, *, asked: bool
 ) -> ImuLog | None:
     where = f"{topic} of {bag}"
-    found = read_imu_topic(bag, topic, topics.get("cs"), asked=asked)
+    found = read_imu_topic(bag, topic, topics.get(whose), asked=asked)
     if found is None:
         return None
     r_ci = found.r_ci if told.r_ci is None else told.r_ci

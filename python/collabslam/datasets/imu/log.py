@@ -28,7 +28,7 @@ CLIPPED = 3
 """So many samples running at the limit of an axis show that it is the sensor's."""
 MOST_LEFT_OUT = 0.2
 """Share of the samples that may be left out."""
-_NO_GYRO = "--gyro none leaves the gyroscope out"
+_NO_GYRO = "--gyro none leaves the gyroscope out (--worn-gyro none that of Cf)"
 
 
 def checked(times: Array, rates: Array, accelerations: Array | None, sensor: Imu, where: str) -> ImuLog:

@@ -11,6 +11,7 @@
     odometry/sensor.yaml        T_BC: 16 numbers, row by row; maps points of Cs into the odometry's frame
     imu0/data.csv               optional: ns, wx wy wz (rad/s) and maybe ax ay az (m/s^2)
     imu0/sensor.yaml            how that sits and how good it is, see `collabslam.datasets.imu.description`
+    imu1/data.csv, sensor.yaml  optional: the same of Cf's own gyroscope; T_cam_imu maps into Cf
 
 A camera's ``sensor.yaml`` may name an image of what is never scene, beside it: ``mask: mask.png`` (see
 `collabslam.datasets.masks`).  That of a worn camera says ``body: false`` where nobody wears it: its views are
@@ -19,7 +20,7 @@ A camera's ``sensor.yaml`` may name an image of what is never scene, beside it: 
 Version 2 is that of several persons, each with a camera.  `recording.yaml` then names them, as
 ``worn: [anna, ben]``, and each has a folder in place of ``cam1`` and ``relpose``::
 
-    worn/anna/data/*.png  worn/anna/data.csv  worn/anna/sensor.yaml  worn/anna/relpose.csv
+    worn/anna/data/*.png  worn/anna/data.csv  worn/anna/sensor.yaml  worn/anna/relpose.csv  worn/anna/imu/
 
 The 21 numbers are the lower triangle, row by row, of the 6x6 covariance of ``T_CF`` over (translation,
 rotation), tangent on the right, m^2 and rad^2; 21 more are the part of it that lasts from frame to

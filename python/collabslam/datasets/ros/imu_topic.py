@@ -29,10 +29,11 @@ class ImuTopic:
     r_ci: Array | None
 
 
-def only_topic(path: Path) -> str | None:
-    """The topic of a bag's inertial samples, if it has just one; what is passed over is told."""
+def only_topic(path: Path, worn: str | None = None) -> str | None:
+    """The topic of a bag's inertial samples, if it has just one beside that of Cf's own, ``worn``; what is
+    passed over is told."""
     with Bag(path) as bag:
-        found = [topic.name for topic in bag.of_type(IMU_TYPE)]
+        found = [topic.name for topic in bag.of_type(IMU_TYPE) if topic.name != worn]
     if len(found) > 1:
         tell("passed over", f"{', '.join(found)} (--gyro TOPIC takes one of them)", path)
     return found[0] if len(found) == 1 else None
