@@ -86,9 +86,10 @@ def _of_lines(path: Path, times: Array, names: Sequence[str]) -> Array:
     found = interpolate_track(stamps, poses, times)
     met = int(np.isfinite(found).all(axis=(1, 2)).sum())
     if met == 0 or (met == 1 and len(times) >= _SEVERAL):
+        hint = f" (as many as frames: --times {path} takes its stamps)" if len(stamps) == len(times) else ""
         raise DataError(
             f"The poses of {path} ({stamps[0]:.3f} to {stamps[-1]:.3f} s) and the images ({times[0]:.3f} to "
-            f"{times[-1]:.3f} s) share no time but for {met} frames; give both in the same clock."
+            f"{times[-1]:.3f} s) share no time but for {met} frames; give both in the same clock{hint}."
         )
     _check_speed(stamps, poses, path)
     return found
