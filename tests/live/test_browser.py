@@ -19,6 +19,7 @@ from pages_site import site as site_of
 from phone_scene import PHONE
 from scenario import frames_of
 
+from collabslam.datasets.imu.description import MOUNTS
 from collabslam.datasets.poses import read_track
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
@@ -101,6 +102,35 @@ def test_before_its_start_a_phone_shows_what_the_robot_sees(site: Site, phone: B
     assert other.until("document.getElementById('said').textContent.startsWith('The camera is off')", SOON)
     other.screenshot(SHOTS / "phone-before.png")
     other.close()
+
+
+def test_a_phones_page_knows_how_it_turns(site: Site) -> None:
+    """Rates in degrees about the phone's axes become those of the picture's, as `MOUNTS` has them; held
+    otherwise than with its top to the left it says nothing."""
+    page = site.browser.page()
+    page.open(site.address("", "phone"), 800, 390)
+    held = {"type": "landscapePrimary", "angle": 90}
+    metrics = {"width": 800, "height": 390, "deviceScaleFactor": 1, "mobile": True}
+    page.tell("Emulation.setDeviceMetricsOverride", screenOrientation=held, **metrics)
+    page.value("import('/motion.js').then((found) => { window.motion = found; found.listen(); })")
+    assert page.until("window.motion !== undefined && screen.orientation.type === 'landscape-primary'", SOON)
+    told = "{ alpha: 30, beta: 10, gamma: 20 }"
+    turn = f"dispatchEvent(new DeviceMotionEvent('devicemotion', {{ rotationRate: {told} }}))"
+    page.value(f"{turn}, dispatchEvent(new DeviceMotionEvent('devicemotion', {{}}))")
+    ((t, *rate),) = page.value("motion.rates()")
+    np.testing.assert_allclose(rate, MOUNTS["phone-left"] @ np.radians([10.0, 20.0, 30.0]), atol=1e-12)
+    assert abs(t - page.value("(performance.timeOrigin + performance.now()) / 1000")) < SOON
+    assert page.value("motion.rates()") == []
+    for name, angle in (("phone-left", 90), ("phone-right", 270), ("opengl", 0)):
+        along = page.value(f"motion.along({told}, {angle})")
+        np.testing.assert_allclose(along, MOUNTS[name] @ np.radians([10.0, 20.0, 30.0]), atol=1e-12)
+    upright = {"type": "portraitPrimary", "angle": 0}
+    page.tell("Emulation.setDeviceMetricsOverride", screenOrientation=upright, **metrics)
+    assert page.until("screen.orientation.type === 'portrait-primary'", SOON)
+    page.value(f"setTimeout(() => {{ {turn}; window.turned = true; }}, 20)")
+    assert page.until("window.turned", SOON)
+    assert page.value("motion.rates()") == []
+    page.close()
 
 
 def test_a_wrong_token_is_told(site: Site) -> None:

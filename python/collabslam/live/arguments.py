@@ -25,7 +25,9 @@ def robot_frame(t: Any, image: Any) -> RobotFrame:
     return RobotFrame(_seconds(t), _pixels(image))
 
 
-def live_view(session: Any, t: Any, image: Any, t_cf: Any, covariance: Any, bias: Any = None) -> LiveView:
+def live_view(
+    session: Any, t: Any, image: Any, t_cf: Any, covariance: Any, bias: Any = None, *, rate: Any = None
+) -> LiveView:
     """A view of Cf whose arrays have their shapes; raises InputError otherwise."""
     check_session(session)
     first, second = _array(t_cf, (4, 4), "T_CF"), _array(covariance, (6, 6), "covariance")
@@ -36,7 +38,8 @@ def live_view(session: Any, t: Any, image: Any, t_cf: Any, covariance: Any, bias
             f"The view has {len(image) >> 20} MB; give a JPEG or PNG of at most {MOST_BYTES >> 20}."
         )
     encoded = image if isinstance(image, bytes) else _pixels(image)
-    return LiveView(session, _seconds(t), encoded, first, second, _array(bias, (6, 6), "bias"))
+    third, turning = _array(bias, (6, 6), "bias"), _array(rate, (3,), "rate of Cf")
+    return LiveView(session, _seconds(t), encoded, first, second, third, rate=turning)
 
 
 def odometry_sample(t: Any, twist: Any, covariance: Any) -> OdometrySample:
@@ -77,7 +80,7 @@ def checked(event: Any) -> Event:
         told = (event.session, event.stamp, event.image, event.t_cf, event.covariance, event.bias)
         own = None if event.own is None else _own_pose(event.own)
         pixels = None if event.pixels is None else _pixels(event.pixels)
-        return replace(live_view(*told), own=own, pixels=pixels)
+        return replace(live_view(*told, rate=event.rate), own=own, pixels=pixels)
     raise InputError(f"A {type(event).__name__} is not an event; push one of collabslam.live.core.Event.")
 
 

@@ -193,7 +193,7 @@ class LiveCore:
             worn = self._printed.pose(name, view, t, image)
         try:
             if worn is not None:
-                self.slam.add_worn(worn)
+                self.slam.add_worn(replace(worn, rate=view.rate))
             else:
                 self.senders.drop(view.session, UNPOSED)
         except InputError:

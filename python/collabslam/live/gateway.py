@@ -274,6 +274,10 @@ class Phone:
             covariance = np.diag(np.repeat(np.square(TRACKED_SD), 3))
             self._of.publish(names.OWN, messages.pose(t, self._session, t_xf, covariance))
 
+    def rate(self, t: float, rate: Array) -> None:
+        """How the phone turns at ``t`` seconds by its clock: (3,) rad/s along the axes of its camera."""
+        self._of.publish(names.RATE, messages.rate(t, rate, frame=self._session))
+
     def exchange(self, found: Exchange) -> None:
         """What the phone's clock said to the gateway's; the robot is told it in its own time."""
         of = self._of

@@ -164,13 +164,13 @@ def odometry(
     return encoded(ODOMETRY, odometry_message(store().types, _stamp(t), t_wc, covariance, twist, frames))
 
 
-def rate(t: float, value: Array, acceleration: Array | None = None) -> bytes:
+def rate(t: float, value: Array, acceleration: Array | None = None, frame: str = GYRO) -> bytes:
     """A gyroscope's rate (3,), rad/s, and maybe an acceleration (3,), m/s^2, as an Imu without attitude."""
     unknown, zero = np.array([-1.0, *np.zeros(8)]), np.zeros(9)
     force, spread = (zero[:3], unknown) if acceleration is None else (acceleration, zero)
     turned, pulled = (make("geometry_msgs/msg/Vector3", *map(float, v)) for v in (value, force))
     upright = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
-    return encoded(IMU, make(IMU, header(t, GYRO), upright, unknown, turned, zero, pulled, spread))
+    return encoded(IMU, make(IMU, header(t, frame), upright, unknown, turned, zero, pulled, spread))
 
 
 def rate_of(message: Any) -> Array:

@@ -23,8 +23,8 @@ ALL_WORN = f"{WORN}/*/*"
 WORN_POSE = f"{ROBOT}/worn_pose"
 """Where a worn camera is; of several persons the name follows, as `of_person` has it."""
 IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT = "image", "camera_info", "pose", "clock", "beat"
-ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN = "imu", "robot_imu", "scan", "own_pose"
-PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT, ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN)
+ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN, RATE = "imu", "robot_imu", "scan", "own_pose", "gyro"
+PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT, ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN, RATE)
 """What a device writes, below its own name; ``beat`` is empty and means nothing (see `worn`)."""
 
 PORT = 7447

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import TypeVar
 
+from collabslam.live.device_rates import DeviceRates
 from collabslam.live.views import LiveView, OwnPose
 from collabslam.types import Array, Image
 
@@ -26,10 +27,13 @@ class Pairing:
     ----------
     unpaired : int
         Images that gave way before their pose came.
+    rates : DeviceRates
+        Of the sender's gyroscope; a view has what it tells of its image by then.
     """
 
     def __init__(self, *, unposed: bool = False) -> None:
         self.unpaired = 0
+        self.rates = DeviceRates()
         self._unposed = unposed
         self._images: OrderedDict[float, tuple[str, Image | bytes]] = OrderedDict()
         self._poses: OrderedDict[float, tuple[Array, Array, Array | None]] = OrderedDict()
@@ -38,7 +42,8 @@ class Pairing:
     def image(self, session: str, stamp: float, image: Image | bytes) -> LiveView | None:
         """An image; the view, if its pose is there."""
         if self._unposed and stamp not in self._poses:
-            return LiveView(session, stamp, image, own=self._own.pop(stamp, None))
+            rate = self.rates.at(session, stamp)
+            return LiveView(session, stamp, image, own=self._own.pop(stamp, None), rate=rate)
         self.unpaired += _keep(self._images, stamp, (session, image))
         return self._view(stamp)
 
@@ -57,7 +62,8 @@ class Pairing:
         if stamp not in self._images or stamp not in self._poses:
             return None
         session, image = self._images.pop(stamp)
-        return LiveView(session, stamp, image, *self._poses.pop(stamp), own=self._own.pop(stamp, None))
+        own, rate = self._own.pop(stamp, None), self.rates.at(session, stamp)
+        return LiveView(session, stamp, image, *self._poses.pop(stamp), own=own, rate=rate)
 
 
 def _keep(waiting: OrderedDict[float, Value], stamp: float, value: Value) -> bool:

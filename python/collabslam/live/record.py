@@ -24,7 +24,7 @@ from collabslam.types import Array
 
 ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"
-T_CF, BIAS, OWN = "/t_cf", "/t_cf_bias", "/own_pose"
+T_CF, BIAS, OWN, RATE = "/t_cf", "/t_cf_bias", "/own_pose", "/cf/gyro"
 """Of the only worn camera; of several each begins with the person's name, as `own_topic` makes it."""
 CLOCK, PLAN, ODOMETRY, GYRO = "/clock_readings", "/plan", "/odometry", "/gyro"
 ROLES = {"cs": ROBOT_IMAGE, "cf": WORN_IMAGE, "t_cf": T_CF}
@@ -38,8 +38,11 @@ _TYPES = {
     CLOCK: messages.TIMES,
     ODOMETRY: messages.TWIST,
     GYRO: messages.IMU,
+    RATE: messages.IMU,
 }
 _ROBOT, _WORN = "cs_optical", "cf_optical"
+_BESIDE = (T_CF, BIAS, OWN, RATE)
+"""What tells of a view, written before it."""
 
 
 class EventWriter:
@@ -117,6 +120,9 @@ class EventWriter:
             if event.own is not None:
                 own = messages.pose(event.stamp, event.session, event.own.t_xf, event.own.covariance)
                 self._write(own_topic(name, OWN), messages.POSE, own, now)
+            if event.rate is not None:
+                rate = messages.rate(event.stamp, event.rate, frame=event.session)
+                self._write(own_topic(name, RATE), messages.IMU, rate, now)
             data = messages.compressed_image(event.stamp, event.session, image)
             self._write(own_topic(name, WORN_IMAGE), messages.COMPRESSED, data, now)
 
@@ -189,25 +195,19 @@ class EventReader:
 
     def events(self) -> Iterator[Event]:
         """Each event in the order in which the filter took it; raises DataError if one is broken."""
-        poses: dict[float, Any] = {}
-        owns: dict[float, OwnPose] = {}
+        told = _Told()
         # "" too: views of who is none of the persons, which the filter drops in the replay as it did live.
         names = dict.fromkeys((*self.worn_cameras, ""))
-        kinds = {own_topic(name, topic): topic for name in names for topic in (T_CF, BIAS, OWN, WORN_IMAGE)}
+        kinds = {own_topic(name, topic): topic for name in names for topic in (*_BESIDE, WORN_IMAGE)}
         kinds |= {topic: topic for topic in (ROBOT_IMAGE, CLOCK, ODOMETRY, GYRO)}
         self._check_types(kinds)
         for name, message in self._bag.all_messages(tuple(kinds)):
             topic = kinds[name]
             where = f"{name} in {self._path}"
-            if topic == T_CF:
-                poses = {messages.stamp_of(message): pose_and_covariance_of(message, where)}
-            elif topic == BIAS:
-                bias = _square(message, where)
-                poses = {stamp: (*pose[:2], bias) for stamp, pose in poses.items()}
-            elif topic == OWN:
-                owns = {messages.stamp_of(message): OwnPose(*pose_and_covariance_of(message, where))}
+            if topic in _BESIDE:
+                told.take(topic, message, where)
             else:
-                yield _checked(topic, message, where, poses, owns)
+                yield _checked(topic, message, where, told)
 
     def _check_types(self, kinds: Mapping[str, str]) -> None:
         for topic in self._bag.topics:
@@ -219,19 +219,42 @@ class EventReader:
                 )
 
 
-def _checked(
-    topic: str, message: Any, where: str, poses: Mapping[float, Any], owns: Mapping[float, OwnPose]
-) -> Event:
+class _Told:
+    """What was told of the next view, by its stamp."""
+
+    def __init__(self) -> None:
+        self._poses: dict[float, Any] = {}
+        self._owns: dict[float, OwnPose] = {}
+        self._rates: dict[float, Array] = {}
+
+    def take(self, topic: str, message: Any, where: str) -> None:
+        """One of `_BESIDE`."""
+        if topic == T_CF:
+            self._poses = {messages.stamp_of(message): pose_and_covariance_of(message, where)}
+        elif topic == BIAS:
+            bias = _square(message, where)
+            self._poses = {stamp: (*pose[:2], bias) for stamp, pose in self._poses.items()}
+        elif topic == OWN:
+            self._owns = {messages.stamp_of(message): OwnPose(*pose_and_covariance_of(message, where))}
+        else:
+            self._rates = {messages.stamp_of(message): messages.rate_of(message)}
+
+    def of(self, view: LiveView) -> LiveView:
+        """The view with all of it."""
+        t_cf, covariance, bias = (*self._poses.get(view.stamp, ()), None, None, None)[:3]
+        own, rate = self._owns.get(view.stamp), self._rates.get(view.stamp)
+        return replace(view, t_cf=t_cf, covariance=covariance, bias=bias, own=own, rate=rate)
+
+
+def _checked(topic: str, message: Any, where: str, told: _Told) -> Event:
     """A message as the event that it was; raises DataError."""
     try:
-        return checked(_event(topic, message, where, poses, owns))
+        return checked(_event(topic, message, where, told))
     except InputError as error:
         raise DataError(f"A message of {where} is none of a live run: {error}") from error
 
 
-def _event(
-    topic: str, message: Any, where: str, poses: Mapping[float, Any], owns: Mapping[float, OwnPose]
-) -> Event:
+def _event(topic: str, message: Any, where: str, told: _Told) -> Event:
     if topic == ROBOT_IMAGE:
         return RobotFrame(messages.stamp_of(message), image_of(message, where))
     if topic == CLOCK:
@@ -243,7 +266,7 @@ def _event(
         return GyroSample(messages.stamp_of(message), rate, acceleration)
     stamp = messages.stamp_of(message)
     session, data = str(message.header.frame_id), message.data.tobytes()
-    return replace(LiveView(session, stamp, data, *poses.get(stamp, ())), own=owns.get(stamp))
+    return told.of(LiveView(session, stamp, data))
 
 
 def _square(message: Any, where: str) -> Array:

@@ -84,16 +84,19 @@ def _follow(device: WornDevice, camera: RecordingPlayback, ended: Callable[[], b
         if ended():
             return
         if view is not None and device.behind(t) <= OVERDUE:
-            taken, image, pose = view
-            device.send(device.stamp_at(taken, camera.clock.now()), image, pose)
+            taken, image, pose, rate = view
+            device.send(device.stamp_at(taken, camera.clock.now()), image, pose, rate)
             last = t
 
 
-def _view(frame: Frame, *, alone: bool) -> tuple[float, Image, tuple[Array, Array] | None] | None:
-    """When a frame's view of Cf was taken, its image, T_CF and covariance; the image where Cf is alone."""
+def _view(
+    frame: Frame, *, alone: bool
+) -> tuple[float, Image, tuple[Array, Array] | None, Array | None] | None:
+    """When a frame's view of Cf was taken, its image, T_CF and covariance, and how Cf turned; the image where
+    Cf is alone."""
     if alone:
-        return frame.t, frame.image, None
+        return frame.t, frame.image, None, None
     if not frame.views:
         return None
     worn = frame.views[0]
-    return frame.t if worn.t is None else worn.t, worn.image, (worn.t_cf, worn.covariance)
+    return frame.t if worn.t is None else worn.t, worn.image, (worn.t_cf, worn.covariance), worn.rate

@@ -127,6 +127,7 @@ class LiveSlam:
         covariance: ArrayLike | None = None,
         *,
         bias: ArrayLike | None = None,
+        rate: ArrayLike | None = None,
         session: str = "worn",
     ) -> None:
         """A view of Cf.
@@ -137,7 +138,7 @@ class LiveSlam:
             Seconds by the sender's clock.
         image : (H, W) uint8, or bytes
             Grey, or a JPEG or PNG of it.
-        t_cf, covariance, bias
+        t_cf, covariance, bias, rate
             As in `collabslam.WornView`; without ``t_cf`` the targets must tell it.
         session : str
             Who sends, as ``anna/17``: another one each time that the sender starts.  Where the engine's worn
@@ -151,7 +152,7 @@ class LiveSlam:
         CollabslamError
             Whatever ended the filter.
         """
-        self._push(live_view(session, t, image, t_cf, covariance, bias))
+        self._push(live_view(session, t, image, t_cf, covariance, bias, rate=rate))
 
     def push_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
         """Odometry of the robot, by its clock, as `collabslam.Slam.add_odometry` takes it.

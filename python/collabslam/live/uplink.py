@@ -46,6 +46,7 @@ RATES = {
     names.ROBOT_ATTITUDE: 400.0,
     names.SCAN: 200.0,
     names.OWN: 60.0,
+    names.RATE: 250.0,
 }
 """Messages per second of each kind that a device may write."""
 MOST_BEAMS = 4000
@@ -244,6 +245,11 @@ class Uplink:
         if part == names.OWN:
             stamp, *own = messages.pose_from(payload, f"the device {name}")
             device.pairing.own(stamp, OwnPose(*own))
+            return []
+        if part == names.RATE:
+            sample = messages.decoded(messages.IMU, payload)
+            session = names.own_session(name, str(sample.header.frame_id))
+            device.pairing.rates.add(session, messages.stamp_of(sample), messages.rate_of(sample))
             return []
         then: list[Callable[[], None]] = []
         if part == names.IMAGE:

@@ -51,6 +51,8 @@ class LiveView:
         Of a camera that tracks itself: then the targets need not be in this image.
     pixels : (H, W) uint8, or None
         What is in an encoded image, of its calibration's size, where it is decoded already.
+    rate : (3,) array, or None
+        As in `collabslam.WornView`.
     """
 
     session: str
@@ -61,6 +63,7 @@ class LiveView:
     bias: Array | None = None
     own: OwnPose | None = None
     pixels: Image | None = None
+    rate: Array | None = None
 
 
 def sender_of(session: str) -> str:

@@ -27,10 +27,12 @@ from collabslam.live.messages import FARTHEST
 
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 PAGES = {"/": "phone.html", "/view": "view.html"} | {
-    f"/{name}": name for name in ("page.css", "phone.js", "tracked.js", "view.js", "link.js")
+    f"/{name}": name for name in ("page.css", "phone.js", "tracked.js", "motion.js", "view.js", "link.js")
 }
 LARGEST, CONNECTIONS = 300_000, 16
 """Bytes of a message, and connections at once that have shown a token."""
+MOST_RATES = 25
+"""Rates of a phone's gyroscope that come with an image."""
 HELLO, STRANGERS = 5.0, 64
 """Seconds in which a connection must show its token; of those that have not, the oldest gives way."""
 REFUSED = 1008
@@ -236,7 +238,7 @@ class WebServer:
 
     async def _answer(self, socket: Any, phone: Any, message: Mapping[str, Any]) -> None:
         received = self._clock.now()
-        asked, exchange, own = (message.get(name) for name in ("ask", "exchange", "own"))
+        asked, exchange, own, rates = (message.get(name) for name in ("ask", "exchange", "own", "rates"))
         if _is_time(asked):
             answer = {"asked": asked, "received": received, "answered": self._clock.now()}
             await socket.send(json.dumps(answer))
@@ -246,6 +248,10 @@ class WebServer:
         elif isinstance(own, list) and len(own) == 8 and all(map(_is_time, own)):
             t, *numbers = map(float, own)
             phone.own(t, np.array(numbers[:3]), np.array(numbers[3:]))
+        elif isinstance(rates, list) and len(rates) <= MOST_RATES:
+            for row in rates:
+                if isinstance(row, list) and len(row) == 4 and all(map(_is_time, row)):
+                    phone.rate(float(row[0]), np.array(row[1:], np.float64))
 
 
 def _bytes(text: str) -> bytes:

@@ -68,7 +68,7 @@ class WornDevice:
         }
         self._datagrams = {
             part: link.publisher(session, names.key(name, part), datagrams=True)
-            for part in (names.IMAGE, names.T_CF, names.ATTITUDE, names.ROBOT_ATTITUDE)
+            for part in (names.IMAGE, names.T_CF, names.RATE, names.ATTITUDE, names.ROBOT_ATTITUDE)
         }
         self._status = link.subscriber(session, names.STATUS, self._heard)
         self._sent_at = threading.Condition()
@@ -89,12 +89,21 @@ class WornDevice:
         for thread in self._threads:
             thread.join()
 
-    def send(self, t: float, image: Image, pose: tuple[Array, Array] | None = None) -> None:
-        """An image of Cf taken at ``t`` seconds by the clock; T_CF and its covariance where known."""
+    def send(
+        self,
+        t: float,
+        image: Image,
+        pose: tuple[Array, Array] | None = None,
+        rate: Array | None = None,
+    ) -> None:
+        """An image of Cf taken at ``t`` seconds by the clock; T_CF and its covariance, and how Cf turned
+        (rad/s along its axes), where known."""
         jpeg = self._encoder.encode(image, self.pace.level.size)
         out = self._datagrams if self.transport.datagrams(self.sent) else self._out
         if pose is not None:
             out[names.T_CF].put(messages.pose(t, "cs_optical", *pose))
+        if rate is not None:
+            out[names.RATE].put(messages.rate(t, rate, frame=self.session))
         out[names.IMAGE].put(messages.compressed_image(t, self.session, jpeg))
         with self._sent_at:
             self.sent += 1

@@ -47,6 +47,7 @@ def good() -> dict[str, bytes]:
         names.T_CF: T_CF,
         names.CAMERA_INFO: messages.camera_info(7.0, "anna/1", camera),
         names.EXCHANGE: messages.exchange("anna/1", Exchange(1.0, 2.0, 2.0, 1.1)),
+        names.RATE: messages.rate(7.0, np.array([0.1, 0.2, 0.3]), frame="anna/1"),
     }
 
 

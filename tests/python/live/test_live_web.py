@@ -198,6 +198,32 @@ def test_a_phone_that_tracks_itself_tells_its_calibration_and_its_way(
     assert [camera.width, camera.height, *camera.intrinsics] == [401, 601, *numbers]
 
 
+def test_a_phone_tells_how_it_turns(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    there, gateway = robot
+    rows = [[7.0, 0.1, -0.2, 0.3], [7.01, 0.2, -0.2, 0.3]]
+    bad = [[7.02, 1e400, 0.0, 0.0], [7.03, "x", 0.0, 0.0], [7.04, 0.0], "x", None]
+
+    async def visit(port: int, context: ssl.SSLContext) -> None:
+        async with open_socket(port, context, "phone") as page:
+            await page.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
+            assert json.loads(await page.recv()) == {"ready": True}
+            await page.send(json.dumps({"rates": [[1.0, 0.0, 0.0, 0.0]] * 26}))  # more than come at once
+            await page.send(json.dumps({"rates": 3}))
+            for k in range(40):
+                await page.send(json.dumps({"rates": [*bad, *([t + k, *w] for t, *w in rows)]}))
+                await asyncio.sleep(0.05)
+                if len(there.of(names.RATE)) >= 2:
+                    break
+
+    served(gateway, keys, visit)
+    samples = [messages.decoded(messages.IMU, data) for data in there.of(names.RATE)]
+    for sample in samples:
+        row = rows[round(100.0 * (messages.stamp_of(sample) % 1.0))]
+        np.testing.assert_array_equal(messages.rate_of(sample), row[1:])
+        assert str(sample.header.frame_id).startswith("web/")
+    assert len(samples) >= 2
+
+
 def test_a_page_is_told_what_the_robot_says(robot: tuple[Robot, Gateway], keys: Path) -> None:
     there, gateway = robot
 

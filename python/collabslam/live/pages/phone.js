@@ -1,5 +1,6 @@
 // The camera's images as JPEGs with the time of their capture, as many as the robot has use for.
 import { connect, facts, isSilent, say } from "/link.js";
+import { listen, rates } from "/motion.js";
 import { possible, track } from "/tracked.js";
 
 const video = document.getElementById("video");
@@ -26,6 +27,7 @@ function send_as(hello) {
 
 async function start() {
   begun(true);
+  listen(); // first, while the press of the button counts
   try {
     const wanted = { facingMode: "environment", width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
     video.srcObject = await navigator.mediaDevices.getUserMedia({ video: wanted, audio: false });
@@ -134,6 +136,8 @@ async function send(canvas, taken, from) {
   message.set(jpeg, 8);
   if (!socket) return;
   if (from) socket.send(JSON.stringify({ own: [t, ...from] }));
+  const turning = rates();
+  if (turning.length) socket.send(JSON.stringify({ rates: turning }));
   socket.send(message);
   sent += 1;
 }
