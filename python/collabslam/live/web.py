@@ -34,7 +34,7 @@ LARGEST, CONNECTIONS = 300_000, 16
 MOST_RATES = 25
 """Rates of a phone's gyroscope that come with an image."""
 HELLO, STRANGERS = 5.0, 64
-"""Seconds in which a connection must show its token; of those that have not, the oldest gives way."""
+"""Seconds of each step: encryption, request, token; of those who have not shown one the oldest gives way."""
 REFUSED = 1008
 """The socket's code for who may not come in."""
 _HEADERS = {
@@ -93,6 +93,7 @@ class WebServer:
         """
         with needs("live"):
             from websockets.asyncio.server import serve
+        asyncio.get_running_loop().set_exception_handler(_unless_strangers)
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
         try:
@@ -102,6 +103,8 @@ class WebServer:
                 host,
                 port,
                 ssl=context,
+                ssl_handshake_timeout=HELLO,
+                open_timeout=HELLO,
                 process_request=self._page,
                 max_size=LARGEST,
                 max_queue=4,
@@ -257,6 +260,12 @@ class WebServer:
 def _bytes(text: str) -> bytes:
     """Of any text that JSON can hold."""
     return text.encode("utf-8", "surrogatepass")
+
+
+def _unless_strangers(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """The system's own errors are of connections: broken off, or more of them than files may be open."""
+    if not isinstance(context.get("exception"), OSError):
+        loop.default_exception_handler(context)
 
 
 def _silent() -> logging.Logger:

@@ -394,6 +394,18 @@ def test_so_many_pages_and_no_more(robot: tuple[Robot, Gateway], keys: Path) -> 
     assert served(robot[1], keys, visit) == ([True] * CONNECTIONS, 1008)
 
 
+def test_more_connections_than_files_are_no_news(
+    robot: tuple[Robot, Gateway], keys: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def visit(port: int, context: ssl.SSLContext) -> None:
+        loop = asyncio.get_running_loop()
+        for error in (OSError(24, "Too many open files"), KeyError("ours")):
+            loop.call_exception_handler({"message": str(error), "exception": error})
+
+    served(robot[1], keys, visit)
+    assert [record.message.partition("\n")[0] for record in caplog.records] == ["'ours'"]
+
+
 HANDSHAKES = {
     "two hosts": "Host: 127.0.0.1\r\nHost: elsewhere\r\nOrigin: https://127.0.0.1\r\n",
     "no host": "Origin: https://127.0.0.1\r\n",
