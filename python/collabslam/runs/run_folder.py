@@ -113,8 +113,7 @@ class RunFolder:
     def is_metric(self) -> bool:
         """Whether lengths are metres, as the trajectory's header says."""
         try:
-            with (self.path / TRAJECTORY).open(encoding="utf-8") as lines:
-                return ARBITRARY not in lines.readline()
+            return ARBITRARY not in read_text(self.path / TRAJECTORY).partition("\n")[0]
         except (OSError, UnicodeDecodeError) as error:
             raise DataError(f"{self.path / TRAJECTORY} cannot be read; run the recording again.") from error
 

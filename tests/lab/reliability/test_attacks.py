@@ -45,6 +45,7 @@ ONE_EACH = (
     ("live call", "session-none"),
     ("live folder", "frames-quote"),
     ("record", "persons-above"),
+    ("result folder", "export-tum-pipe"),
     ("stream", "dark"),
 )
 

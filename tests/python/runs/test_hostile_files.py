@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,6 +19,7 @@ from collabslam.errors import CollabslamError, DataError
 from collabslam.formats import container
 from collabslam.runs import checkpoint
 from collabslam.runs.results import CHECKPOINT
+from collabslam.runs.run_folder import RunFolder
 from collabslam.slam.map import saved_map
 from collabslam.slam.saving import CLASSES
 from collabslam.types import Target
@@ -177,3 +179,9 @@ def test_every_field_of_a_map(clip: Clip, engine: Slam, tmp_path: Path) -> None:
     assert not told, f"{len(told)} of {len(faults)}:\n" + "\n".join(told)
     assert len(faults) > 100
     assert len(used) < 0.2 * len(faults)
+
+
+def test_a_trajectory_that_nobody_writes_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "trajectory.tum")
+    with pytest.raises(DataError, match="not a regular file"):
+        RunFolder(tmp_path).is_metric()

@@ -21,6 +21,7 @@ from collabslam_lab.reliability.attacks import (
     live_folders,
     places,
     records,
+    result_folders,
     stores,
     streams,
     text_files,
@@ -48,6 +49,7 @@ ATTACKS: tuple[Attack, ...] = (
     *live_calls.ATTACKS,
     *live_folders.ATTACKS,
     *records.ATTACKS,
+    *result_folders.ATTACKS,
     *streams.ATTACKS,
 )
 
