@@ -18,6 +18,7 @@ from collabslam import Output, SavedMap, Slam, Source, WornSpec, resume, run
 from collabslam.errors import CollabslamError, DataError
 from collabslam.formats import container
 from collabslam.runs import checkpoint
+from collabslam.runs.folder import CONFIG, MARK
 from collabslam.runs.results import CHECKPOINT
 from collabslam.runs.run_folder import RunFolder
 from collabslam.slam.map import saved_map
@@ -182,6 +183,7 @@ def test_every_field_of_a_map(clip: Clip, engine: Slam, tmp_path: Path) -> None:
 
 
 def test_a_trajectory_that_nobody_writes_is_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / CONFIG).write_text(MARK)
     os.mkfifo(tmp_path / "trajectory.tum")
     with pytest.raises(DataError, match="not a regular file"):
         RunFolder(tmp_path).is_metric()
