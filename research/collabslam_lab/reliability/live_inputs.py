@@ -84,6 +84,8 @@ def _devices(count: int, rng: np.random.Generator, found: ReaderFindings) -> Non
         found.executions += 1
         if k % 200 == 199:  # rates are those of clocks: a new robot has heard nothing
             grown = len(up.received) > STRANGERS or len(up.counts()) > 16 or len(up.faults) > 8
+            told = up.calibrations(list(up.reports()), 0.0).values()
+            grown = grown or any(c.width * c.height > messages.MOST_TOLD for c in told)
             if grown or not up.said().get("last refusal", "").isprintable():
                 found.findings.append(f"device {k}: what is kept grows, or is no text")
             up = Uplink(events.append, lambda: 7.0)
