@@ -33,6 +33,8 @@ Flat = dict[str, Value]
 
 SECTIONS = ("filter", "frontend")
 _WIDTH = 108
+MOST_FAULTS = 10
+"""Faults of settings that one message names."""
 _VALUES = table(str, any_of(flag, whole(-(10**9), 10**9), number(), text()))
 STATE = fields(values=_VALUES, switches=_VALUES)
 """What `Settings.state` may hold; `Settings.from_state` asks for the ranges."""
@@ -119,7 +121,7 @@ class Settings:
         Raises
         ------
         SettingsError
-            Naming every unknown key, wrong type and value out of range.
+            Naming the unknown keys, wrong types and values out of range, the first `MOST_FAULTS` of them.
         """
         if not isinstance(tree, Mapping):
             raise SettingsError(
@@ -134,7 +136,7 @@ class Settings:
         Raises
         ------
         SettingsError
-            Naming every unknown key, wrong type and value out of range.
+            Naming the unknown keys, wrong types and values out of range, the first `MOST_FAULTS` of them.
         """
         return cls.default().replace(changes)
 
@@ -160,11 +162,14 @@ class Settings:
         Raises
         ------
         SettingsError
-            Naming every unknown key, wrong type and value out of range.
+            Naming the unknown keys, wrong types and values out of range, the first `MOST_FAULTS` of them.
         """
         parts: dict[str, Any] = {"filter": self.filter, "frontend": self.frontend}
-        faults = []
+        faults: list[str] = []
         for name, value in changes.items():
+            if len(faults) == MOST_FAULTS:
+                faults.append("There are more.")
+                break
             setting = known.get(name)
             if setting is None:
                 faults.append(unknown(known, name))

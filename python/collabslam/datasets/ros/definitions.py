@@ -9,17 +9,17 @@ from typing import Any, ClassVar
 
 from collabslam.errors import DataError
 
-LONGEST, MOST = 1 << 16, 1 << 23
-"""Letters of a type's definition, and of all different ones of a bag: of the types that are read the longest
-has a fifth, and a thousand types half of that."""
+LONGEST, MOST = 1 << 16, 1 << 20
+"""Letters of a type's definition, and of all different ones of a bag, without comments: the longest that is
+read has a fiftieth, and a thousand types have half of that."""
 
 
 @cache
 def bound_definitions() -> None:
     """rosbags makes a program of each definition: of one of 4 MB in minutes, with gigabytes."""
     module = import_module("rosbags.highlevel.anyreader")
-    for name in ("get_types_from_msg", "get_types_from_idl"):
-        vars(module)[name] = _Bounded(vars(module)[name])
+    for name, comment in (("get_types_from_msg", "#"), ("get_types_from_idl", "//")):
+        vars(module)[name] = _Bounded(vars(module)[name], comment)
     opened = module.AnyReader._open
 
     def anew(reader: Any) -> None:
@@ -35,16 +35,26 @@ class _Bounded:
     known: ClassVar[dict[tuple[str, ...], Any]] = {}
     letters: ClassVar[int] = 0
 
-    def __init__(self, parse: Callable[..., Any]) -> None:
-        self._parse = parse
+    def __init__(self, parse: Callable[..., Any], comment: str) -> None:
+        self._parse, self._comment = parse, comment
 
-    def __call__(self, *texts: str) -> Any:
+    def __call__(self, definition: str, *name: str) -> Any:
+        texts = (_without_comments(definition, self._comment), *name)
         if texts not in self.known:
             _Bounded.letters += len(texts[0])
             if len(texts[0]) > LONGEST or self.letters > MOST:
                 raise DataError("it defines types longer than any message of ROS")
             self.known[texts] = self._parse(*texts)
         return self.known[texts]
+
+
+def _without_comments(definition: str, comment: str) -> str:
+    """The lines that say something: rosbags parses a comment as slowly as a field."""
+    return "".join(
+        line
+        for line in definition.splitlines(keepends=True)
+        if line.strip() and not line.lstrip().startswith(comment)
+    )
 
 
 def check_fields(defined: Mapping[str, Any], ours: Mapping[str, Any], types: Iterable[str]) -> None:

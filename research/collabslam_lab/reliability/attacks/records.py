@@ -24,7 +24,13 @@ from collabslam.live.record import (
     WORN_IMAGE,
     WORN_INFO,
 )
-from collabslam_lab.reliability.attacks.attack import REFUSED, Attack, Deed
+from collabslam_lab.reliability.attacks.attack import (
+    HELD_OR_TOLD,
+    READ_OR_REFUSED,
+    REFUSED,
+    Attack,
+    Deed,
+)
 from collabslam_lab.reliability.attacks.scene import Scene
 
 CAMERA = Camera("pinhole", 64, 48, (50.0, 50.0, 32.0, 24.0))
@@ -136,15 +142,42 @@ BROKEN: dict[str, Callable[[], list[Told]]] = {
 }  # fmt: skip
 
 
+def _asked(count: int) -> list[Told]:
+    """Exchanges of so many sessions."""
+    reading = Exchange(1.0, 1.0, 1.0, 1.0)
+    return [(CLOCK, messages.TIMES, messages.exchange(f"a/{k}", reading)) for k in range(count)]
+
+
+def _large() -> Told:
+    camera = Camera("pinhole", 60_000, 60_000, (6e4, 6e4, 3e4, 3e4))
+    return ROBOT_INFO, messages.CAMERA_INFO, messages.camera_info(0.0, "cs", camera)
+
+
+MANY: dict[str, Callable[[], list[Told]]] = {
+    "persons-100000": lambda: [plan(mode="collab", persons=[f"p{k}" for k in range(100_000)]), info(), image()],
+    "tags-100000": lambda: [plan(tags=["36h11:3=0.16"] * 100_000), info(), image()],
+    "boards-wide": lambda: [plan(boards=["100000x100000:0.1"]), info(), image()],
+    "settings-200000": lambda: [plan(settings={f"a{k}": 1 for k in range(200_000)}), info(), image()],
+    "settings-huge": lambda: [plan(settings={"filter.map.in_view": 10**300}), info(), image()],
+    "plans-20000": lambda: [*([plan()] * 20_000), info(), image()],
+    "camera-60000": lambda: [plan(), _large(), image()],
+    "images-back": lambda: [plan(), info(), *(image(10.0 - k) for k in range(8))],
+    "images-far": lambda: [plan(), info(), *(image(1e9 * k) for k in range(3))],
+    "sessions-20000": lambda: [plan(), info(), image(), *(worn(f"p{k}/1") for k in range(20_000))],
+    "clocks-20000": lambda: [plan(), info(), image(), *_asked(20_000)],
+}  # fmt: skip
+
+
 def _replayed(name: str) -> Callable[[Scene], Deed]:
     def make(scene: Scene) -> Deed:
-        path = record(scene.folder, *BROKEN[name]())
+        path = record(scene.folder, *{**BROKEN, **MANY}[name]())
         return scene.command("live", "replay", path, "--out", scene.out)
 
     return make
 
 
 ATTACKS = tuple(
-    Attack("record", name, f"a record made by hand: {name.replace('-', ', ')}", _replayed(name), REFUSED)
-    for name in BROKEN
+    Attack("record", name, f"a record made by hand: {name.replace('-', ', ')}", _replayed(name), good)
+    for rows, good in ((BROKEN, REFUSED), (MANY, (*READ_OR_REFUSED, *HELD_OR_TOLD)))
+    for name in rows
 )
