@@ -154,7 +154,7 @@ def _large() -> Told:
 
 
 MANY: dict[str, Callable[[], list[Told]]] = {
-    "persons-100000": lambda: [plan(mode="collab", persons=[f"p{k}" for k in range(100_000)]), info(), image()],
+    "persons-100000": lambda: [plan(persons=[f"p{k}" for k in range(100_000)]), info(), image()],
     "tags-100000": lambda: [plan(tags=["36h11:3=0.16"] * 100_000), info(), image()],
     "boards-wide": lambda: [plan(boards=["100000x100000:0.1"]), info(), image()],
     "settings-200000": lambda: [plan(settings={f"a{k}": 1 for k in range(200_000)}), info(), image()],
