@@ -31,6 +31,12 @@ def made_by(work: Callable[..., Any]) -> str:
     return " ".join([version(), code_hash(), *parts, around])
 
 
+@cache
+def everything_hash() -> str:
+    """Of the package and all of the lab."""
+    return hashlib.sha256((code_hash() + _hash(Path(__file__).parent, set())).encode()).hexdigest()
+
+
 def _hash(root: Path, without: set[str]) -> str:
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*")):

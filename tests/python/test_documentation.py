@@ -33,7 +33,7 @@ from collabslam.datasets import write_recording
 from collabslam.datasets.calibration import sensor_mapping
 from collabslam.simulation.recording import demo_recording
 from collabslam.types import Frame
-from collabslam_lab import worn_cameras
+from collabslam_lab import evidence, worn_cameras
 from collabslam_lab.benchmark import evaluate
 from collabslam_lab.cli import main as lab
 from collabslam_lab.learned import viewpoints
@@ -187,6 +187,7 @@ def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(evaluate.blackout, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(viewpoints, "reproduce", lambda *_, **__: "")
     monkeypatch.setattr(worn_cameras, "run_experiments", lambda *_, **__: {})
+    monkeypatch.setattr(evidence, "gather", lambda *_: {"parts": {}})
     return place
 
 

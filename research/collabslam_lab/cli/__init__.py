@@ -7,6 +7,7 @@ COMMANDS = {
     "cluster": "measure what replays on a Dask cluster cost, lose and change",
     "costs": "measure what a wrong focal length costs",
     "evaluate": "measure a set of recordings: accuracy, consistency, cost, levers",
+    "evidence": "make all tables of the documentation, and one archive of what they were made of",
     "gyro": "measure what a gyroscope is worth: trajectories as hard as life, close turns, corridors",
     "odometry": "measure what wheel odometry is worth: in the dark, in turns, with slip",
     "peers": "measure ORB-SLAM3, SVO and COLMAP beside this system, on the same images",

@@ -48,7 +48,7 @@ def study_gyro(
     quick: bool = False,
     engine: Engine = LOCAL,
 ) -> dict[str, Any]:
-    """Runs all worlds with and without a gyroscope, writes ``gyro.json`` and prints a table.
+    """Runs all worlds with and without a gyroscope, writes ``gyro.json`` and ``gyro.md``, prints the table.
 
     Parameters
     ----------
@@ -80,7 +80,9 @@ def study_gyro(
     rows = list(zip(pieces, scores, strict=True))
     numbers = summary(groups, rows, kind)
     write_text(folder / "gyro.json", json.dumps(jsonable(numbers), indent=1, sort_keys=True) + "\n")
-    print(table(groups, rows))
+    text = table(groups, rows)
+    write_text(folder / "gyro.md", text + "\n")
+    print(text)
     return numbers
 
 

@@ -16,6 +16,7 @@ from collabslam.runs.results import jsonable
 from collabslam_lab.long_trajectories.drawing import plan_view
 from collabslam_lab.long_trajectories.keeping import Trajectory, go
 from collabslam_lab.long_trajectories.walk import Walked
+from collabslam_lab.report import markdown_table
 from collabslam_lab.worlds.building import Style
 from collabslam_lab.worlds.catalogue import Recipe
 
@@ -48,7 +49,7 @@ def _laps(count: int) -> str:
 def study_loops(
     folder: Path, *, seeds: Sequence[int] | None, jobs: int, quick: bool, engine: Engine = LOCAL
 ) -> dict[str, Any]:
-    """Runs all trajectories, writes ``loops.json`` and two pictures, prints the numbers.
+    """Runs all trajectories, writes ``loops.json``, ``loops.md`` and two pictures, prints the table.
 
     Parameters
     ----------
@@ -67,8 +68,10 @@ def study_loops(
     write_text(folder / "loops.json", json.dumps(jsonable(numbers), indent=2, sort_keys=True) + "\n")
     for one in (walked[0], walked[-1]):
         write_bytes(folder / f"{one.name}.png", plan_view(one))
-    for name, value in numbers.items():
-        print(f"{name:42} {value if isinstance(value, int) else format(value, '.3f')}")
+    rows = [(name, str(v) if isinstance(v, int) else format(v, ".3f")) for name, v in numbers.items()]
+    text = markdown_table(("figure", "value"), rows)
+    write_text(folder / "loops.md", text + "\n")
+    print(text)
     return numbers
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from collabslam.errors import DataError
+from collabslam.formats.files import write_text
 from collabslam.runs.results import write_summary
 from collabslam_lab.reliability.attacks.table import attacks_markdown, measure_attacks
 from collabslam_lab.reliability.endurance import endure_session, many_dropped
@@ -96,7 +97,9 @@ def measure(
             results.update(found)
             results.update(_totals(results))
             write_summary(out, results)
-    print(figures_markdown(results))
+    text = figures_markdown(results)
+    write_text(out.with_suffix(".md"), text + "\n")
+    print(text)
     print(f"results are in {out}")
     failed = results.get("fuzz_findings") or results.get("attacks_succeeded")
     return not failed and results.get("endurance_sound", True) is True
