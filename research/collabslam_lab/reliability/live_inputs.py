@@ -27,9 +27,10 @@ CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 320.0, 240.0))
 JPEG = b"\xff\xd8\xff\xe0 and so on"
 _EDGES: tuple[Any, ...] = (
     None, True, -1, 0, 1, 0.5, 3e9, -3e9, 1e308, 10**400, float("nan"), float("inf"), "", "x", "\ud800",
-    [], {}, [[]], [1.0] * 4, [1.0] * 8, [10**400] * 4, ["x"] * 8, {"a": 1},
+    [], {}, [[]], [1.0] * 4, [1.0] * 8, [10**400] * 4,
+    [[1.0] * 4] * 9, [[10**400] * 4, [None] * 4, 7], ["x"] * 8, {"a": 1},
 )  # fmt: skip
-_WORDS = ("token", "watch", "width", "height", "intrinsics", "ask", "exchange", "own", "facts", "")
+_WORDS = ("token", "watch", "width", "height", "intrinsics", "ask", "exchange", "own", "rates", "facts", "")
 
 
 def fuzz_live(count: int, seed: int) -> ReaderFindings:
@@ -58,6 +59,7 @@ def good_messages() -> dict[str, bytes]:
         names.ATTITUDE: messages.attitude(7.0, "anna/1", turn),
         names.ROBOT_ATTITUDE: messages.attitude(7.0, "anna/1", turn),
         names.SCAN: messages.scan(7.0, "anna/1/front", beams),
+        names.RATE: messages.rate(7.0, np.array([0.1, 0.2, 0.3]), frame="anna/1"),
         names.BEAT: b"",
     }
 
