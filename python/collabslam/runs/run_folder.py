@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from collabslam._core import Camera
+from collabslam._core import LAST_TIME, Camera
 from collabslam.datasets.poses import read_track
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import read_text
@@ -127,11 +127,22 @@ class RunFolder:
 
 
 def read_frames(path: Path) -> list[dict[str, str]]:
-    """Rows of a ``frames.csv`` by column; raises DataError if it cannot be read."""
+    """Rows of a ``frames.csv`` by column; raises DataError if it cannot be read, or is damaged."""
     try:
-        return list(csv.DictReader(io.StringIO(read_text(path), newline="")))
+        rows: list[dict[str, Any]] = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path} cannot be read; run the recording again.") from error
+    for row in rows:
+        if None in row or None in row.values() or not _is_time(row.get("t", "0")):
+            raise DataError(f"{path} is damaged; run the recording again.")
+    return rows
+
+
+def _is_time(told: str) -> bool:
+    try:
+        return abs(float(told)) < LAST_TIME
+    except ValueError:
+        return False
 
 
 def read_summary(path: Path) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from collabslam.formats import container
 from collabslam.runs import checkpoint
 from collabslam.runs.folder import CONFIG, MARK
 from collabslam.runs.results import CHECKPOINT
-from collabslam.runs.run_folder import RunFolder
+from collabslam.runs.run_folder import RunFolder, read_frames
 from collabslam.slam.map import saved_map
 from collabslam.slam.saving import CLASSES
 from collabslam.types import Target
@@ -187,3 +187,15 @@ def test_a_trajectory_that_nobody_writes_is_not_waited_for(tmp_path: Path) -> No
     os.mkfifo(tmp_path / "trajectory.tum")
     with pytest.raises(DataError, match="not a regular file"):
         RunFolder(tmp_path).is_metric()
+
+
+@pytest.mark.parametrize(
+    "rows", ["index,t\n0,nan\n", "index,t\n0,1e308\n", "index,t\n0\n", "index,t\n0,1,2\n"]
+)
+def test_frames_that_are_damaged_are_told(tmp_path: Path, rows: str) -> None:
+    path = tmp_path / "frames.csv"
+    path.write_text(rows)
+    with pytest.raises(DataError, match="is damaged"):
+        read_frames(path)
+    path.write_text("index,t\n0,0.5\n")
+    assert read_frames(path) == [{"index": "0", "t": "0.5"}]
