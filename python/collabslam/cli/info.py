@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from collabslam.cli import OK, options
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from collabslam._core import Camera
     from collabslam.types import ImuLog, Odometry, Recording
 
@@ -65,6 +67,7 @@ def describe(recording: Recording) -> dict[str, str]:
         "depth": "yes" if getattr(recording, "has_depth", False) else "none",
         "odometry": _odometry(getattr(recording, "odometry", None)),
         **_gyro(getattr(recording, "imu", None)),
+        **_worn_gyro(getattr(recording, "worn_imu", {})),
         "true poses": f"{known} of {len(times)} frames" if known else "none (see --poses)",
         "known target": "none" if recording.target is None else f"{len(recording.target.points)} points",
         "conventions": "T_WC maps points of C into W; metres, seconds; C: x right, y down, z forward",
@@ -79,6 +82,14 @@ def _worn(cameras: dict[str, Camera]) -> str:
 
 def _odometry(odometry: Odometry | None) -> str:
     return "none" if odometry is None else f"{len(odometry)} samples"
+
+
+def _worn_gyro(logs: Mapping[str, ImuLog]) -> dict[str, str]:
+    """What there is of gyroscopes on worn cameras; nothing where there is none."""
+    from collabslam.datasets.imu.log import describe
+
+    told = "; ".join(f"{name}: {describe(log)}" if name else describe(log) for name, log in logs.items())
+    return {"gyroscope of Cf": told} if told else {}
 
 
 def _gyro(log: ImuLog | None) -> dict[str, str]:

@@ -492,6 +492,8 @@ def write_recording(
             for t, rate, force in zip(log.times.tolist(), log.rates, forces, strict=True):
                 writer.add_gyro(t, rate, force)
         for who, own in getattr(recording, "worn_imu", {}).items():
+            if who not in worn_cameras(recording):
+                continue
             for t, rate in zip((own.times + own.sensor.time_offset).tolist(), own.rates, strict=True):
                 if t >= 0.0:
                     writer.add_worn_gyro(t, own.sensor.r_ci @ rate, who)

@@ -45,6 +45,7 @@ class WrappedRecording:
         self.rig_used: bool = getattr(base, "rig_used", False)
         self.odometry: Odometry | None = getattr(base, "odometry", None)
         self.imu: ImuLog | None = getattr(base, "imu", None)
+        self.worn_imu: dict[str, ImuLog] = dict(getattr(base, "worn_imu", {}))
         self.t_bs: Array | None = getattr(base, "t_bs", None)
         self.masks: Masks = masks_of(base)
         self.has_depth: bool = getattr(base, "has_depth", False)
@@ -56,7 +57,7 @@ class WrappedRecording:
 
     @worn_camera.setter
     def worn_camera(self, camera: Camera | None) -> None:
-        self.worn_cameras = {} if camera is None else {"": camera}
+        self.worn_cameras, self.worn_imu = {} if camera is None else {"": camera}, {}
 
     def __len__(self) -> int:
         return len(self._base)

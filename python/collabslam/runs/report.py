@@ -77,7 +77,11 @@ def summary_text(summary: Summary) -> str:
     if not summary["metric"]:
         head += f" (lengths are in {summary['unit']}, not metres)"
     rows = [[label, said] for label, text in LINES if (said := text(summary)) != _MISSING]
-    return head + "\n" + text_table([*rows, *_gyro(summary), *_level(summary), *_persons(summary)])
+    return (
+        head
+        + "\n"
+        + text_table([*rows, *_gyro(summary), *_worn_gyro(summary), *_level(summary), *_persons(summary)])
+    )
 
 
 _BRIEF = (
@@ -234,6 +238,15 @@ def _gyro(summary: Summary) -> list[list[str]]:
         ["  bias", f"{bias} rad/s (sd {max(gyro['bias_sd_rad_s']):.4f})"],
         ["  added to its stamps", f"{clock} (sd {number(gyro['clock_offset_sd_s'], 1, scale=1e3)})"],
     ]
+
+
+def _worn_gyro(summary: Summary) -> list[list[str]]:
+    """In how many views a gyroscope of Cf told how it turned."""
+    told = summary.get("worn_gyro")
+    if not told:
+        return []
+    against = f"; {told['contradicted']} contradict it" if told["contradicted"] else ""
+    return [["gyroscope of Cf", f"told how it turned in {told['used']} views{against}"]]
 
 
 def _level(summary: Summary) -> list[list[str]]:

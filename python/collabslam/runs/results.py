@@ -93,6 +93,8 @@ DIAGNOSTICS = (
     "cf_rejected_ratio",
     "cf_rejected_epipolar",
     "cf_rejected_chi2",
+    "cf_rate_used",
+    "cf_rate_contradicted",
     "depth_rows",
     "births_instant",
     "births_depth",

@@ -26,7 +26,7 @@ from collabslam.runs.progress import Progress
 from collabslam.runs.rate_poses import RATE_NOTE, rate_poses, write_rate_poses
 from collabslam.runs.report import brief_text
 from collabslam.runs.results import RATE_POSES, ResultWriter, jsonable
-from collabslam.runs.sensors import give_sensors, gyro_numbers
+from collabslam.runs.sensors import give_sensors, gyro_numbers, worn_gyro_numbers
 from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
@@ -385,6 +385,7 @@ class _Run:
         before = getattr(self.recording, "left_out", 0)
         summary["frames_out_of_order"] = before + len(self.recording) - len(usable)
         summary["gyro"] = gyro_numbers(self.engine, self.recording, self.record)
+        summary["worn_gyro"] = worn_gyro_numbers(self.record)
         level = self._level()
         summary["level"] = None if level is None else level.numbers()
         submaps = _submaps(self.engine)

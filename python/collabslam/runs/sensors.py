@@ -70,3 +70,12 @@ def gyro_numbers(engine: object, recording: Recording, record: RunRecord) -> dic
         "clock_offset_s": offset,
         "clock_offset_sd_s": offset_sd,
     }
+
+
+def worn_gyro_numbers(record: RunRecord) -> dict[str, int] | None:
+    """For ``summary.json``: views whose own gyroscope told how they turned, ``used``, and those that
+    ``contradicted`` it; None where no view told it."""
+    used, contradicted = (
+        int(np.nansum(record.diagnostic(name))) for name in ("cf_rate_used", "cf_rate_contradicted")
+    )
+    return {"used": used, "contradicted": contradicted} if used or contradicted else None

@@ -85,7 +85,7 @@ class WornRecording(WrappedRecording):
         noise: PoseErrors | None,
     ) -> None:
         super().__init__(base)
-        self.worn_cameras = worn_cameras
+        self.worn_cameras, self.worn_imu = worn_cameras, {}
         self.masks = replace(self.masks, worn=self._masks(emulated=noise is not None))
         self._samples = samples
         self._blocks = blocks

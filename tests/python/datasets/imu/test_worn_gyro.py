@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from helpers.bags import FRAMES, IMAGES, START, STEP, Maker
 from helpers.gyro import lines, samples
 
 from collabslam import Camera, InputError, RecordingWriter, WornView, open_recording
+from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.imu.beside import GyroGiven, WornGyroGiven
 from collabslam.datasets.imu.description import MOUNTS
@@ -18,7 +20,9 @@ from collabslam.datasets.imu.worn import rate_at
 from collabslam.datasets.opening import DiskRecording
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.source import STATE, Source
+from collabslam.datasets.wrapped import FirstFrames
 from collabslam.errors import DataError
+from collabslam.simulation import corridor_recording
 from collabslam.types import Array, Imu, ImuLog
 
 CAMERA = Camera("pinhole", 32, 24, (30.0, 30.0, 16.0, 12.0))
@@ -178,3 +182,28 @@ def test_a_topic_of_a_bag_is_that_of_cf_alone(tmp_path: Path, of_cs: bool) -> No
     for t, found in views:
         nearest = min(rate, key=lambda at: abs(at - t))
         np.testing.assert_allclose(found, rate[nearest], atol=1e-3)
+
+
+def test_a_run_says_what_became_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = corridor_recording(length_m=1.5)
+    with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera) as writer:
+        for k in range(300):
+            writer.add_worn_gyro(0.005 * k, [1e-3 * np.sin(k), 0.0, 0.0])
+        for i in range(6):
+            frame = source.frame(i)
+            writer.add(frame.t, frame.image, frame.views if i else ())  # not in the first one
+    assert cli.main(["info", str(tmp_path / "walk")]) == 0
+    assert "gyroscope of Cf" in capsys.readouterr().out
+    assert cli.main(["run", str(tmp_path / "walk"), "--out", str(tmp_path / "out")]) == 0
+    assert "told how it turned in" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["worn_gyro"]["used"] >= 3
+    assert summary["worn_gyro"]["contradicted"] == 0
+    with (tmp_path / "out" / "frames.csv").open() as file:
+        used = [row["cf_rate_used"] for row in csv.DictReader(file)]
+    assert used[0] == ""
+    assert used.count("1") == summary["worn_gyro"]["used"]
+    again = FirstFrames(open_recording(tmp_path / "walk"), 4)
+    write_recording(again, tmp_path / "again")
+    gyro = Path("imu1") / "data.csv"
+    assert (tmp_path / "again" / gyro).read_text() == (tmp_path / "walk" / gyro).read_text()
