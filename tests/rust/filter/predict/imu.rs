@@ -5,7 +5,7 @@ use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use ekf_core::settings::Value;
 use ekf_core::state::BlockKind;
-use ekf_core::{EkfError, Filter};
+use ekf_core::{Bearing, EkfError, Filter};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
@@ -317,6 +317,30 @@ fn what_is_refused_leaves_the_filter_as_it_was() {
     is(filter.add_gyro(4000.0, &rate), "start a new filter");
     is(filter.set_imu(&r_ci(), 0.0), "once");
     assert_eq!(before, filter.snapshot());
+}
+
+/// After a second in the dark: where it really is, it is found; turned by 6 degrees and elsewhere, only without a gyroscope that is
+/// believed, as for points that say themselves which they are.
+#[test]
+fn where_it_would_be_turned_otherwise_it_is_not_found() {
+    let mut run = Run::new(7, Trajectory::Lively);
+    for frame in 0..30 {
+        run.step(frame < 5);
+    }
+    (0..10).for_each(|_| run.predict());
+    let truth = run.scene.pose(DT * f64::from(run.frame - 1));
+    let elsewhere = truth.retract(&Vector6::new(0.5, 0.0, 0.3, 0.0, 0.1, 0.0));
+    let known: Vec<(u64, usize)> = run.known.iter().map(|(id, at)| (*id, *at)).collect();
+    let mut found = |pose: &Pose, predicted: bool| {
+        let seen =
+            |&(id, at): &(u64, usize)| run.scene.pixel(pose, at).map(|uv| Bearing { id, uv });
+        let matches: Vec<Bearing> = known.iter().filter_map(seen).collect();
+        let mut filter = run.filter.clone();
+        let report = filter.relocalise(pose, &matches, None, predicted);
+        report.expect("good matches").accepted
+    };
+    assert!(found(&truth, true) && found(&elsewhere, false));
+    assert!(!found(&elsewhere, true));
 }
 
 #[test]

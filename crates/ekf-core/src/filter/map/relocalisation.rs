@@ -28,6 +28,9 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector3};
 /// Standard deviation of the prior over that of the matches: it takes part of one in [`WIDE`]^2 in the result.
 const WIDE: f64 = 100.0;
 
+/// Share of the image's width within which of its prediction a match is linear.
+const NEAR: f64 = 0.05;
+
 /// Largest condition number, after scaling by the diagonal, of what the matches say about the pose.
 const MAX_CONDITION: f64 = 1e10;
 
@@ -74,8 +77,12 @@ impl Filter {
             ..Measurements::default()
         };
         self.check_measurements(&z, &mut Scratch::default())?;
-        let mut trial = self.clone();
         let mut report = UpdateReport::default();
+        if predicted && self.confirm(&z, &mut report) {
+            return Ok(report);
+        }
+        let mut trial = self.clone();
+        report = UpdateReport::default();
         report.start(&z);
         // A covariance that cannot be factored says that these matches are no good, as a failed test does.
         let taken = trial
@@ -87,6 +94,25 @@ impl Filter {
             report.reject_all(&z);
         }
         Ok(report)
+    }
+
+    /// The ordinary update with these matches, where they are as near to their prediction as that is linear and pass its tests:
+    /// what the camera knew of its pose and its velocity was right, and stays. False, and the filter as it was, if not.
+    fn confirm(&mut self, z: &Measurements, report: &mut UpdateReport) -> bool {
+        let mut trial = self.clone();
+        trial.make_whole();
+        let mut scratch = Scratch::default();
+        report.start(z);
+        let measured = trial.measure(z, WornForm::Unused, &[], &Self::TESTS, report, &mut scratch);
+        let near = NEAR * f64::from(self.setup.camera.width);
+        let off = trial.workspace.batch.g().iter().map(|g| g.abs());
+        let taken = matches!(measured, Ok(true)) && off.fold(0.0, f64::max) <= near;
+        if taken {
+            trial.finish(z, report);
+            trial.choose_working_set(&z.searched);
+            self.become_other(trial);
+        }
+        taken
     }
 
     fn put_at(
@@ -130,7 +156,9 @@ impl Filter {
         self.workspace.found_again = false;
         let taken = taken?;
         if taken {
-            self.compare_with(before, predicted, report);
+            if !self.compare_with(before, predicted, report) {
+                return Ok(false);
+            }
             self.finish(z, report);
             self.choose_working_set(&z.searched);
         }
@@ -138,11 +166,11 @@ impl Filter {
     }
 
     /// Compares the camera's pose with that of a clone, which was predicted and is removed. Both hang on the same map, so what
-    /// is not known of that does not count.
-    fn compare_with(&mut self, before: u64, predicted: bool, report: &mut UpdateReport) {
+    /// is not known of that does not count. False where a gyroscope has told how the camera turned since, and excludes it.
+    fn compare_with(&mut self, before: u64, predicted: bool, report: &mut UpdateReport) -> bool {
         let state = &self.memory.state;
         let Some(at) = state.layout.find(before).map(|block| block.offset) else {
-            return;
+            return true;
         };
         let told = state.told();
         let p = |a: usize, b: usize| {
@@ -153,11 +181,12 @@ impl Filter {
             [0, at].map(|at| Pose::from_quat(state.part::<3>(at), &state.part::<4>(at + 3)));
         let covariances = [p(0, 0), p(at, at), p(0, at)];
         self.memory.state.remove(|b| b.id == before);
-        self.half_believe(&poses, &covariances, predicted, report);
+        self.half_believe(&poses, &covariances, predicted, report)
     }
 
     /// Whether prediction excludes where the camera was found; if that counts, the map's place is as uncertain then. It is a jump
-    /// if even what both do not know of the map does not explain it. `covariances` are those of the pose found and of the one
+    /// if even what both do not know of the map does not explain it. False where a gyroscope that is followed excludes how the
+    /// camera is turned. `covariances` are those of the pose found and of the one
     /// predicted, and of the first with the second, right tangents.
     pub(super) fn half_believe(
         &mut self,
@@ -165,7 +194,7 @@ impl Filter {
         [of_found, of_before, of_both]: &[Matrix6<f64>; 3],
         predicted: bool,
         report: &mut UpdateReport,
-    ) {
+    ) -> bool {
         let away = found.inverse().compose(before);
         // To first order: dv = R dv_before - dv_found + [v] dw_found, dw = R dw_before - dw_found.
         let along = |rotation, translation| {
@@ -185,9 +214,15 @@ impl Filter {
             distance.is_some_and(|d| d > chi2::quantile(chi2::SURE_LEVEL, 6.0))
         };
         report.jumped = excludes(apart);
-        if excludes(apart - both - both.transpose()) && predicted {
+        let apart = apart - both - both.transpose();
+        if excludes(apart) && predicted {
             self.memory.map_frame = self.memory.map_frame.or_there(found, &away);
         }
+        let turned = away.fixed_rows::<3>(3).into_owned();
+        let turn = apart.fixed_view::<3, 3>(3, 3).into_owned().cholesky();
+        let beyond = chi2::quantile(chi2::SURE_LEVEL, 3.0);
+        let otherwise = turn.is_some_and(|c| turned.dot(&c.solve(&turned)) > beyond);
+        !(predicted && otherwise && self.memory.wheels.turned.is_some())
     }
 
     /// [`WIDE`]^2 times the covariance of the pose's tangent that the matches give, the map's own included; `None` where

@@ -99,6 +99,7 @@ impl Filter {
         trial.set_worn_clocks(self);
         trial.memory.odometry = self.memory.odometry.clone();
         trial.take_gyro_of(self);
+        trial.memory.wheels = self.memory.wheels;
         trial.memory.next_candidate = self.memory.next_candidate;
         let ids = trial.start_from_map_after(map, self.memory.state.layout.next_id())?;
         let bearing = |&(landmark, uv): &(usize, Vector2<f64>)| {
@@ -125,7 +126,10 @@ impl Filter {
             self.pose_covariance(),
             Matrix6::zeros(),
         ];
-        trial.half_believe(&poses, &covariances, predicted, &mut report);
+        if !trial.half_believe(&poses, &covariances, predicted, &mut report) {
+            report.accepted = false;
+            return Ok((report, Vec::new()));
+        }
         self.become_other(trial);
         Ok((report, ids))
     }
