@@ -104,6 +104,21 @@ ROWS: tuple[tuple[str, str, Change, tuple[AttackOutcome, ...]], ...] = (
 )
 
 
+def _turning(table: Table) -> Table:
+    out: Table = table.copy()
+    out[:, 1:] += np.array([1.5, -2.0, 1.0])
+    return out
+
+
+WORN_ROWS: tuple[tuple[str, str, Change, tuple[AttackOutcome, ...]], ...] = (
+    ("worn-counts", "rates in counts of a sensor", _times(1000.0), REFUSED),
+    ("worn-turning", "2.7 rad/s that are not there", _turning, HELD_OR_TOLD),
+    ("worn-degrees", "degrees for radians", _times(57.3), HELD_OR_TOLD),
+    ("worn-nan", "one sample in 17 not a number", _with_nan, HELD_OR_TOLD),
+    ("worn-frozen", "one sample from 2 s on", _stuck(400, 10**6), REFUSED),
+)
+
+
 def _told(row: tuple[str, str, Change, tuple[AttackOutcome, ...]]) -> Attack:
     name, what, change, good = row
 
@@ -115,4 +130,16 @@ def _told(row: tuple[str, str, Change, tuple[AttackOutcome, ...]]) -> Attack:
     return Attack("gyroscope", name, f"a gyroscope: {what}", make, good)
 
 
-ATTACKS = tuple(map(_told, ROWS))
+def _told_of_cf(row: tuple[str, str, Change, tuple[AttackOutcome, ...]]) -> Attack:
+    name, what, change, good = row
+
+    def make(scene: Scene) -> Deed:
+        path = scene.folder / "gyro.csv"
+        np.savetxt(path, change(samples()), delimiter=",", fmt="%.9f")
+        options = ("--set", "filter.worn.readout=0.02", "--set", "filter.worn.readout_sd=0.002")
+        return scene.run("--worn-gyro", path, *options, source=scene.ground.walk)
+
+    return Attack("gyroscope", name, f"a gyroscope of Cf: {what}", make, good)
+
+
+ATTACKS = (*map(_told, ROWS), *map(_told_of_cf, WORN_ROWS))
