@@ -29,11 +29,11 @@ def page(plan: Plan, rows: Sequence[Row], missing: Sequence[str], how: str = "")
     parts = [
         "# Measured accuracy",
         f"```sh\n{how}\n```",
-        "runs every recording of a plan (by default the package's own, whose folders lie in `DATA`; "
-        "`--help` shows how to write one), in parallel, and goes on where it stopped. This page is what it "
-        "writes, beside `evaluate.json` (`recordings`: the medians by recording and mode, under the names of "
-        f"`summary.json`) and a result folder for each run. Medians over the seeds {spoken} of the noise of "
-        "T_CF, of which there is one error for each block of overlap.",
+        "Every recording of a plan is run (by default the package's own, whose folders lie in `DATA`; "
+        "`--help` shows how to write one), in parallel; a call goes on where the last one stopped. This is "
+        "what it writes, beside `evaluate.json` (`recordings`: the medians by recording and mode, "
+        "under the names of `summary.json`) and a result folder for each run. Medians over the "
+        f"seeds {spoken} of the noise of T_CF, of which there is one error for each block of overlap.",
         "## Error",
         "ATE over all frames, in percent of the path: where the filter gives no valid pose its last or "
         "predicted one counts. No scale is fitted, but for a `scale-free` start (*Sim(3)*). *with a pose*: "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import re
 import tarfile
 from pathlib import Path
 
@@ -13,8 +14,8 @@ _KEPT = {".json", ".md", ".csv", ".png"}
 
 
 def table_of(path: Path, how: str) -> str:
-    """A study's page as a table of the documentation: without title and pictures, after how it was made."""
-    lines = read_text(path).splitlines()
+    """A study's page as a table of the docs: how it was made, and all but title, command and pictures."""
+    lines = re.sub(r"^```sh\n.*?^```\n", "", read_text(path), flags=re.MULTILINE | re.DOTALL).splitlines()
     shown = "\n".join(line for line in lines if not line.startswith(("# ", "!["))).strip()
     return f"*{how}*\n\n{shown}\n"
 

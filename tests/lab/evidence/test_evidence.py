@@ -13,6 +13,7 @@ import collabslam
 from collabslam.errors import SettingsError
 from collabslam_lab.cli import COMMANDS
 from collabslam_lab.evidence import Asked, gather, made_of
+from collabslam_lab.evidence.archive import table_of
 from collabslam_lab.evidence.parts import BENCHES, DATA, PARTS, Part
 
 DOCS = Path(collabslam.__file__).parents[2] / "docs"
@@ -105,3 +106,10 @@ def test_every_table_of_the_documentation_has_an_owner_and_says_its_commit() -> 
         assert re.search(r"commit [0-9a-f]{7,}", path.read_text(encoding="utf-8")), path.name
         shown = [p for p in DOCS.glob("*.md") if f'"tables/{path.name}"' in p.read_text(encoding="utf-8")]
         assert len(shown) == 1, path.name
+
+
+def test_a_table_leaves_out_title_command_and_picture(tmp_path: Path) -> None:
+    page = "# Title\n\n```sh\ncollabslam-lab evaluate\n```\n\nWhat.\n\n![a](a.png)\n\n| a |\n|---|\n| 1 |\n"
+    (tmp_path / "page.md").write_text(page)
+    text = table_of(tmp_path / "page.md", "Made so.")
+    assert [line for line in text.splitlines() if line] == ["*Made so.*", "What.", "| a |", "|---|", "| 1 |"]
