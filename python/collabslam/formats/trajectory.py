@@ -105,7 +105,7 @@ def read_covariances(path: Path) -> tuple[Array, Array]:
     Raises
     ------
     DataError
-        If the file is missing or a line has not 22 numbers.
+        If the file is missing, a line has not 22 numbers, or a variance is negative.
     """
     try:
         with warnings.catch_warnings():
@@ -120,6 +120,10 @@ def read_covariances(path: Path) -> tuple[Array, Array]:
     out = np.zeros((len(rows), 6, 6))
     i, j = _TRIANGLE
     out[:, i, j] = out[:, j, i] = rows[:, 1:]
+    if (np.diagonal(out, axis1=1, axis2=2) < 0.0).any():
+        raise DataError(
+            f"The covariances {path} are damaged (a variance is negative); run the recording again."
+        )
     return rows[:, 0], out
 
 

@@ -17,6 +17,7 @@ from helpers.stand_ins import FakeSlam, Walk
 from collabslam import Output, SavedMap, Slam, Source, WornSpec, resume, run
 from collabslam.errors import CollabslamError, DataError
 from collabslam.formats import container
+from collabslam.formats.trajectory import read_covariances
 from collabslam.runs import checkpoint
 from collabslam.runs.folder import CONFIG, MARK
 from collabslam.runs.results import CHECKPOINT
@@ -199,3 +200,10 @@ def test_frames_that_are_damaged_are_told(tmp_path: Path, rows: str) -> None:
         read_frames(path)
     path.write_text("index,t\n0,0.5\n")
     assert read_frames(path) == [{"index": "0", "t": "0.5"}]
+
+
+def test_negative_variances_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "trajectory.cov"
+    path.write_text("0.1" + " -1" * 21 + "\n")
+    with pytest.raises(DataError, match="a variance is negative"):
+        read_covariances(path)
