@@ -33,6 +33,8 @@ _LAST = 30
 _LAST_BIRTHS, _ENOUGH_BIRTHS = 100, 100
 """Frames that the test of new points looks back on at most, and how many of these it asks for: few are in a
 frame."""
+_GOES_ON = 150
+"""New points among which what moved before is looked for again: fewer may show nothing of what slides."""
 _LEAST = 5
 """Frames, or views, that say something together."""
 _NO_VIEWS: dict[str, Any] = {
@@ -122,7 +124,7 @@ class ConsistencyMonitor(PersistentState):
             SIZE: self._size.inconsistent,
             JUMP: bool(self._jumps.any()),
             MATCHES: self._too_many_refused(self._matches),
-            MOVING: _too_many(_recent(self._births), _STRAYS),
+            MOVING: _still_too_many(self._births),
             NOISE: self._too_loud(),
         }
         return next((cause for cause in CAUSES if inconsistent[cause]), NOTHING)
@@ -188,12 +190,23 @@ def _too_many(counts: Array, expected: float) -> bool:
     return bool(0.5 * chi2_quantile(1.0 - SURE_LEVEL, 2.0 * events) > expected * all_)
 
 
-def _recent(births: Array) -> Array:
+def _still_too_many(births: Array) -> bool:
+    """Whether too many new points moved in the last frames; or in all of them, and some of the last still do.
+
+    What slides over the image goes on; it leaves few points at a time, so that the last hundred alone may not
+    tell it.
+    """
+    strayed, new = _recent(births, _GOES_ON).sum(axis=0)
+    goes_on = bool(strayed > _STRAYS * new)
+    return _too_many(_recent(births), _STRAYS) or (goes_on and _too_many(births, _STRAYS))
+
+
+def _recent(births: Array, count: int = _ENOUGH_BIRTHS) -> Array:
     """The last frames in which enough points were new, of (N, 2) counts.
 
     Who has passed by is out of view soon, and so is what was taken for the scene of them.
     """
-    enough = int((np.cumsum(births[::-1, 1]) < _ENOUGH_BIRTHS).sum()) + 1
+    enough = int((np.cumsum(births[::-1, 1]) < count).sum()) + 1
     return births[-max(enough, _LAST) :]
 
 
