@@ -33,6 +33,8 @@ _LAST = 30
 _LAST_BIRTHS, _ENOUGH_BIRTHS = 100, 100
 """Frames that the test of new points looks back on at most, and how many of these it asks for: few are in a
 frame."""
+_PASSING = 70
+"""Frames that it looks back on at least: what slides slowly leaves few points in thirty."""
 _GOES_ON = 150
 """New points among which what moved before is looked for again: fewer may show nothing of what slides."""
 _LEAST = 5
@@ -207,7 +209,7 @@ def _recent(births: Array, count: int = _ENOUGH_BIRTHS) -> Array:
     Who has passed by is out of view soon, and so is what was taken for the scene of them.
     """
     enough = int((np.cumsum(births[::-1, 1]) < count).sum()) + 1
-    return births[-max(enough, _LAST) :]
+    return births[-max(enough, _PASSING) :]
 
 
 def _last(kept: Array, new: object, count: int) -> Array:

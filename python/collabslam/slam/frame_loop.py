@@ -182,6 +182,8 @@ class FrameLoop:
         told = self._filter.followed_gyro
         if told and (agrees := parts.gyro.agrees(view, last, now)) is not False:
             return agrees is True
+        if told and not parts.gyro.contradicted_again:
+            return False
         standing = parts.consistency_monitor.standing()
         if not parts.monitor.unbroken or standing not in (NOTHING, GYRO):
             return False

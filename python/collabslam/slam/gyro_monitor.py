@@ -84,6 +84,11 @@ class GyroMonitor(PersistentState):
         """Whether images, or the map in many frames, contradicted it lately."""
         return bool(self._contradicted.sum() > 1 or self._doubted.sum() >= _MANY)
 
+    @property
+    def contradicted_again(self) -> bool:
+        """Whether images contradicted it in more than one of the last frames: one may show what moves."""
+        return bool(self._contradicted[-_LAST:].sum() > 1)
+
     def estimate(self) -> GyroEstimate | None:
         """What is known of it; None without one."""
         core = self._filter

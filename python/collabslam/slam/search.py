@@ -57,7 +57,7 @@ class FrameSearch:
         """What was expected, what the image shows of it, and whether what told the motion is contradicted.
 
         That is wheels that were ``followed``, as soon as they are contradicted by the map; and a gyroscope,
-        if the turn of the whole image contradicts it, too.
+        if the turn of the whole image contradicts it, too, and has done so before.
         """
         last = self._tracks.last_image
         found = self._look(view, expected)
@@ -69,7 +69,7 @@ class FrameSearch:
         if turned and contradicted:
             wrong = self._gyro.agrees(view, last, self._tracks.last_image) is False
         self._gyro.take(doubted=turned and contradicted and len(found.ids) >= least, contradicted=wrong)
-        if wrong or (followed and contradicted):
+        if (wrong and self._gyro.contradicted_again) or (followed and contradicted):
             return self._after_slip(view, expected, found)
         return expected, found, False
 

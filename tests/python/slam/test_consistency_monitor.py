@@ -163,13 +163,13 @@ def test_who_strays_far_at_once_says_less_than_who_strays_slowly() -> None:
 
 
 def test_who_has_passed_is_forgotten_soon_where_much_is_new() -> None:
-    """Five candidates end in each frame, so that thirty frames say enough."""
+    """Five candidates end in each frame, so that seventy frames say enough."""
     judge, said = monitor(), []
-    for k in range(120):
+    for k in range(160):
         passing = 60 <= k < 72
         said.append(judge.judge(report(), FOUND, Overlaps(), born(off_arc=4 * passing, by=1.1)))
-    assert said[71:90] == ["moving"] * 19
-    assert said[102:] == [NOTHING] * 18
+    assert said[71:130] == ["moving"] * 59
+    assert said[142:] == [NOTHING] * 18
 
 
 def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:

@@ -31,6 +31,9 @@ const WIDE: f64 = 100.0;
 /// Share of the image's width within which of its prediction a match is linear.
 const NEAR: f64 = 0.05;
 
+/// Standard deviation of a map's own bends about each axis, rad, against which a gyroscope's turn is held.
+const BENDS: f64 = 0.02;
+
 /// Largest condition number, after scaling by the diagonal, of what the matches say about the pose.
 const MAX_CONDITION: f64 = 1e10;
 
@@ -180,13 +183,39 @@ impl Filter {
         let poses =
             [0, at].map(|at| Pose::from_quat(state.part::<3>(at), &state.part::<4>(at + 3)));
         let covariances = [p(0, 0), p(at, at), p(0, at)];
+        let turned_otherwise = self.is_turned_otherwise(&poses, at);
         self.memory.state.remove(|b| b.id == before);
-        self.half_believe(&poses, &covariances, predicted, report)
+        self.half_believe(&poses, &covariances, predicted, report);
+        !(predicted && turned_otherwise)
+    }
+
+    /// Whether a gyroscope has told how the camera turned, and excludes how it was found turned against a clone of it at `at`, which was
+    /// predicted. What a map drifts by is not in it: only its bends are.
+    fn is_turned_otherwise(&self, [found, before]: &[Pose; 2], at: usize) -> bool {
+        if self.memory.wheels.turned.is_none() {
+            return false;
+        }
+        let state = &self.memory.state;
+        let p = |a: usize, b: usize| {
+            let map = |at| {
+                tangent_map(&state.part::<4>(at + 3))
+                    .fixed_rows::<3>(3)
+                    .into_owned()
+            };
+            map(a) * state.p.block::<POSE_DIM, POSE_DIM>(a, b) * map(b).transpose()
+        };
+        // To first order: R dw_before - dw_found.
+        let away = found.rotation.transpose() * before.rotation;
+        let both = p(0, at) * away.transpose();
+        let apart = p(0, 0) + away * p(at, at) * away.transpose() - both - both.transpose();
+        let apart = (apart + apart.transpose()) * 0.5 + Matrix3::identity() * BENDS.powi(2);
+        let turn = quat::log(&quat::from_rotation(&away));
+        let distance = apart.cholesky().map(|c| turn.dot(&c.solve(&turn)));
+        distance.is_some_and(|d| d > chi2::quantile(chi2::SURE_LEVEL, 3.0))
     }
 
     /// Whether prediction excludes where the camera was found; if that counts, the map's place is as uncertain then. It is a jump
-    /// if even what both do not know of the map does not explain it. False where a gyroscope that is followed excludes how the
-    /// camera is turned. `covariances` are those of the pose found and of the one
+    /// if even what both do not know of the map does not explain it. `covariances` are those of the pose found and of the one
     /// predicted, and of the first with the second, right tangents.
     pub(super) fn half_believe(
         &mut self,
@@ -194,7 +223,7 @@ impl Filter {
         [of_found, of_before, of_both]: &[Matrix6<f64>; 3],
         predicted: bool,
         report: &mut UpdateReport,
-    ) -> bool {
+    ) {
         let away = found.inverse().compose(before);
         // To first order: dv = R dv_before - dv_found + [v] dw_found, dw = R dw_before - dw_found.
         let along = |rotation, translation| {
@@ -214,15 +243,9 @@ impl Filter {
             distance.is_some_and(|d| d > chi2::quantile(chi2::SURE_LEVEL, 6.0))
         };
         report.jumped = excludes(apart);
-        let apart = apart - both - both.transpose();
-        if excludes(apart) && predicted {
+        if excludes(apart - both - both.transpose()) && predicted {
             self.memory.map_frame = self.memory.map_frame.or_there(found, &away);
         }
-        let turned = away.fixed_rows::<3>(3).into_owned();
-        let turn = apart.fixed_view::<3, 3>(3, 3).into_owned().cholesky();
-        let beyond = chi2::quantile(chi2::SURE_LEVEL, 3.0);
-        let otherwise = turn.is_some_and(|c| turned.dot(&c.solve(&turned)) > beyond);
-        !(predicted && otherwise && self.memory.wheels.turned.is_some())
     }
 
     /// [`WIDE`]^2 times the covariance of the pose's tangent that the matches give, the map's own included; `None` where

@@ -99,7 +99,6 @@ impl Filter {
         trial.set_worn_clocks(self);
         trial.memory.odometry = self.memory.odometry.clone();
         trial.take_gyro_of(self);
-        trial.memory.wheels = self.memory.wheels;
         trial.memory.next_candidate = self.memory.next_candidate;
         let ids = trial.start_from_map_after(map, self.memory.state.layout.next_id())?;
         let bearing = |&(landmark, uv): &(usize, Vector2<f64>)| {
@@ -126,10 +125,7 @@ impl Filter {
             self.pose_covariance(),
             Matrix6::zeros(),
         ];
-        if !trial.half_believe(&poses, &covariances, predicted, &mut report) {
-            report.accepted = false;
-            return Ok((report, Vec::new()));
-        }
+        trial.half_believe(&poses, &covariances, predicted, &mut report);
         self.become_other(trial);
         Ok((report, ids))
     }
