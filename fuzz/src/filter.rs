@@ -255,12 +255,16 @@ impl Life {
                 });
             }
         }
+        let rate = bytes
+            .coin()
+            .then(|| Vector3::from_fn(|_, _| 4.0 * bytes.signed()));
         WornObservation {
             who: 0,
             capture: None,
             bias: None,
             t_cf,
             covariance,
+            rate,
             pairs,
         }
     }
