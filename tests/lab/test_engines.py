@@ -192,7 +192,7 @@ def test_what_is_missing_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(DataError, match=r"pip install 'collabslam\[cluster\]'"), DASK.pool(1):
+    with pytest.raises(DataError, match=r"pip install '\.\[cluster\]'"), DASK.pool(1):
         pass
     assert cli.main(["evaluate", str(tmp_path), "--engine", "spark"]) == 2
     assert "no engine 'spark'" in capsys.readouterr().err

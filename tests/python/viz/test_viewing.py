@@ -94,7 +94,7 @@ def test_loops_are_shown_with_the_way_that_they_correct(clip: Clip, tmp_path: Pa
 
 def test_without_rerun_the_extra_is_named(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(DataError, match=r"pip install 'collabslam\[viz\]'"):
+    with pytest.raises(DataError, match=r"pip install '\.\[viz\]'"):
         RerunLog(clip.recording, save=Path("x.rrd"))
 
 
