@@ -45,10 +45,10 @@ class Listed(WornDevice):
 
     seen: list[tuple[float, float]]
 
-    def send(self, t: float, image: Any, pose: Any = None) -> None:
+    def send(self, t: float, image: Any, pose: Any = None, rate: Any = None) -> None:
         assert isinstance(self._clock, OtherClock)
         self.seen.append((t, self._clock.monotonic(t)))
-        super().send(t, image, pose)
+        super().send(t, image, pose, rate)
 
 
 def worn(asked: dict[str, Any]) -> dict[str, Any]:
