@@ -13,6 +13,7 @@ import sys
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from collabslam.formats.worker_limits import limit_memory, limit_time, serve
 
@@ -44,6 +45,14 @@ def environment() -> dict[str, str]:
     """What FFmpeg is to keep, as OpenCV hands it on."""
     options = {"format_whitelist": FORMATS, "protocol_whitelist": "file"}
     return {"OPENCV_FFMPEG_CAPTURE_OPTIONS": "|".join(";".join(pair) for pair in options.items())}
+
+
+def retrieved(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
+    """The (H, W) uint8 grey image that was grabbed; None if it cannot be decoded."""
+    done, image = capture.retrieve()
+    if not done or image is None:
+        return None
+    return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 class _Film:
@@ -107,10 +116,9 @@ class _Film:
         while self._next <= i:
             if not self._grab():
                 return b""
-        done, image = self._capture.retrieve()
-        if not done or image is None:
+        grey = retrieved(self._capture)
+        if grey is None:
             return b""
-        grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         return SHAPE.pack(*grey.shape) + grey.tobytes()
 
 

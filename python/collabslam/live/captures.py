@@ -10,6 +10,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.errors import DataError
+from collabslam.formats.video_worker import retrieved
 from collabslam.formats.worker_process import WorkerDied, WorkerProcess
 from collabslam.live.stream_worker import NEXT, OPENED, READY, SHAPE, environment
 from collabslam.types import Image
@@ -57,10 +58,8 @@ class OpenedDevice:
         if not self._capture.grab():
             return None
         t = time.monotonic()
-        there, image = self._capture.retrieve()
-        if not there or image is None:
-            return None
-        return t, np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+        image = retrieved(self._capture)
+        return None if image is None else (t, image)
 
     def close(self) -> None:
         """Let others have it."""

@@ -15,7 +15,7 @@ import time
 import cv2
 
 from collabslam.formats.video_worker import FORMATS as FILMS
-from collabslam.formats.video_worker import ROOM, THREADS
+from collabslam.formats.video_worker import ROOM, THREADS, retrieved
 from collabslam.formats.worker_limits import limit_memory, limit_time, serve
 
 FORMATS = f"{FILMS},rtsp,rtp,mpjpeg"
@@ -58,10 +58,9 @@ class _Stream:
         if not self._capture.grab():
             return b""
         t = time.monotonic()
-        done, image = self._capture.retrieve()
-        if not done or image is None:
+        grey = retrieved(self._capture)
+        if grey is None:
             return b""
-        grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         return SHAPE.pack(t, *grey.shape) + grey.tobytes()
 
 

@@ -259,6 +259,13 @@ def test_lengths_of_t_cf_that_have_changed_are_told_while_the_last_views_say_so(
     assert said(0.1) == NOTHING
 
 
+def test_what_rounding_leaves_of_a_map_without_errors_is_none_of_a_length() -> None:
+    """A root of less than nothing would let every length pass."""
+    view = replace(VIEW, t_cf=pose(np.eye(3), [0.0, 0.0, -1.0]))
+    seen_so = replace(seen(0.1).each[0], given=view, worn=view)
+    assert seen_so.length(np.ones(6), 0.5 * VIEW.covariance, -1e-18 * np.eye(6))[2] == 0.0
+
+
 def test_a_calibration_that_goes_wrong_on_the_way_is_degraded() -> None:
     judge = monitor()
     said = [judge.judge(report(), FOUND, seen(0.2 if k < 40 else 2.0), born()) for k in range(50)]

@@ -123,7 +123,8 @@ class Overlap:
         stated, is_left, maps = (float(along @ c[:3, :3] @ along) for c in covariances)
         if stated <= 0.0:  # no baseline
             return 0.0, 0.0, 0.0
-        return float(along @ error[:3]) / np.sqrt(stated), max(1.0 - is_left / stated, 0.0), maps / stated
+        told, of_map_told = max(1.0 - is_left / stated, 0.0), max(maps / stated, 0.0)  # but for rounding
+        return float(along @ error[:3]) / np.sqrt(stated), told, of_map_told
 
     def births(self, outcomes: MeasurementOutcomes, t: float) -> tuple[ImagePoints, Ids]:
         """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""

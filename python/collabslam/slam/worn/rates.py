@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from collabslam._core import Filter, UpdateReport
+from collabslam._core import SURE_LEVEL, Filter, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, table
 from collabslam.geometry import rotation_log
 from collabslam.settings.table import Settings
@@ -23,8 +23,8 @@ _LAST = 15
 """Rates of a worn camera of which `TOO_MANY` may not be contradicted."""
 _NEAR = 0.25
 """Seconds between two views beyond which their rates say nothing of the turn between them."""
-_CHI2 = 21.11
-"""Of three numbers, 0.9999."""
+_CHI2 = chi2_quantile(SURE_LEVEL, 3)
+"""Of the three numbers of a turn."""
 _POSE_SD = 0.05
 """rad/s by which Cs's own attitudes at both views may make that turn seem faster."""
 _BENT = 0.1

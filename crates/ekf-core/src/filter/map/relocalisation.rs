@@ -85,7 +85,6 @@ impl Filter {
             return Ok(report);
         }
         let mut trial = self.clone();
-        report = UpdateReport::default();
         report.start(&z);
         // A covariance that cannot be factored says that these matches are no good, as a failed test does.
         let taken = trial
