@@ -17,6 +17,7 @@ __all__ = [
     "LONGEST_GAP",
     "MAX_RANGE_RATIO",
     "MOST_KEPT_POSES",
+    "ODOMETRY_GAP",
     "SURE_LEVEL",
     "TOLD_INFORMATION",
     "UNKNOWN_SPEED",
@@ -115,6 +116,8 @@ LONGEST_GAP: float
 """Longest silence between two stamps of one source, seconds; beyond it they are taken to be wrong."""
 GYRO_GAP: float
 """Longest time between two samples of a gyroscope that the rate is known in, seconds."""
+ODOMETRY_GAP: float
+"""Longest time that one sample of odometry tells of, seconds."""
 LARGEST_PIXEL: float
 """Largest coordinate of a pixel that is taken, pixels."""
 LAST_TIME: float

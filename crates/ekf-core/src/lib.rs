@@ -54,5 +54,6 @@ pub use filter::{
 };
 pub use guard::LARGEST_PIXEL;
 pub use imu::{FASTEST_RATE, GYRO_GAP};
+pub use odometry::ODOMETRY_GAP;
 pub use settings::Settings;
 pub use stamps::{LAST_TIME, LONGEST_GAP};

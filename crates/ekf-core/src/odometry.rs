@@ -13,8 +13,8 @@ use nalgebra::{Matrix6, SMatrix, Vector6};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Longest time that one sample tells of, seconds.
-const LONGEST: f64 = 1.0;
+/// Longest time that one sample of odometry tells of, seconds.
+pub const ODOMETRY_GAP: f64 = 1.0;
 
 /// Largest number of a twist, m/s or rad/s.
 const FASTEST: f64 = 1e3;
@@ -78,7 +78,7 @@ impl Odometry {
                 why: format!("{MOST} samples wait for a frame; give frames as they come"),
             });
         }
-        if let Some(from) = self.last.filter(|last| t - last <= LONGEST) {
+        if let Some(from) = self.last.filter(|last| t - last <= ODOMETRY_GAP) {
             self.samples.push_back(Sample {
                 from,
                 t,
@@ -123,7 +123,7 @@ impl Odometry {
                 twist,
                 covariance,
             } = sample;
-            let in_order = before <= *from && from < t && t - from <= LONGEST;
+            let in_order = before <= *from && from < t && t - from <= ODOMETRY_GAP;
             if !in_order || check(twist, covariance).is_err() {
                 return Err(bad);
             }

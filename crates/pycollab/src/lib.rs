@@ -43,6 +43,10 @@ mod _core {
     #[pymodule_export]
     const GYRO_GAP: f64 = ekf_core::GYRO_GAP;
 
+    /// Longest time that one sample of odometry tells of, seconds.
+    #[pymodule_export]
+    const ODOMETRY_GAP: f64 = ekf_core::ODOMETRY_GAP;
+
     /// Largest coordinate of a pixel that is taken, pixels.
     #[pymodule_export]
     const LARGEST_PIXEL: f64 = ekf_core::LARGEST_PIXEL;

@@ -16,7 +16,7 @@ import numpy as np
 
 from collabslam.checks.matching import LEAST_MATCHES, Matches, Points, describe, match_points
 from collabslam.checks.mistakes import MirroredCamera
-from collabslam.checks.relative_turn import CAP_PX, FINE_PX, refined
+from collabslam.checks.relative_motion import CAP_PX, FINE_PX, refined
 from collabslam.checks.samples import spread
 from collabslam.geometry import pose
 from collabslam.types import Array, Image

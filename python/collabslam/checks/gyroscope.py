@@ -15,7 +15,7 @@ from collabslam._core import FilterSettings
 from collabslam.checks.gyro_fit import CLEAR, Fit, Integrated, Turns, best_fit, fit_at, unexplained
 from collabslam.checks.matching import describe, match_points
 from collabslam.checks.mistakes import MirroredCamera
-from collabslam.checks.relative_turn import relative_turn
+from collabslam.checks.relative_motion import relative_motion
 from collabslam.checks.samples import spread
 from collabslam.geometry import rotation_log
 from collabslam.types import Array, Imu, ImuLog, Recording
@@ -105,9 +105,9 @@ def image_turns(recording: Recording) -> Turns:
     for i in spread(range(len(recording) - far), PLACES):
         first = describe(recording.image(i))
         for k in (i + near, i + far):
-            turn = relative_turn(match_points(first, describe(recording.image(k))), model)
-            if turn is not None:
-                rows.append((times[i], times[k], *rotation_log(turn)))
+            motion = relative_motion(match_points(first, describe(recording.image(k))), model)
+            if motion is not None:
+                rows.append((times[i], times[k], *rotation_log(motion.t_ab[:3, :3])))
     table = np.asarray(rows, np.float64).reshape(-1, 5)
     return Turns(table[:, 0], table[:, 1], table[:, 2:])
 

@@ -117,6 +117,52 @@ TRUE_POSE_MISTAKES = (
 )
 
 
+_HALF_TURN_X, _HALF_TURN_Z = np.diag([1.0, -1.0, -1.0, 1.0]), np.diag([-1.0, -1.0, 1.0, 1.0])
+
+MOUNT_MISTAKES = (
+    PoseMistake(
+        "the odometry's T_BC is inverted: it maps from its frame B to Cs",
+        "give its inverse, from Cs to B (with tf: exchange the two frames)",
+        pose_inverse,
+    ),
+    PoseMistake(
+        "the odometry's T_BC is that of Cs's body axes (x forward, y left, z up)",
+        "give that of its optical frame (x right, y down, z forward)",
+        lambda t: t @ BODY_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "the odometry's T_BC is inverted, and of Cs's body axes (x forward, y left, z up)",
+        "give where the optical frame of Cs (x right, y down, z forward) is in B",
+        lambda t: pose_inverse(t) @ BODY_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "the odometry's T_BC was turned to optical axes although it had them",
+        "give it as it is measured",
+        lambda t: t @ OPTICAL_FROM_BODY,
+    ),
+    PoseMistake(
+        "the odometry's T_BC is of OpenGL's axes of Cs (x right, y up, z back)",
+        "give that of its optical frame (x right, y down, z forward)",
+        lambda t: t @ OPENGL_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "the odometry's twists are along optical axes (x right, y down, z forward)",
+        "write them along x forward, y left, z up, or turn T_BC into their axes",
+        lambda t: OPTICAL_FROM_BODY @ t,
+    ),
+    PoseMistake(
+        "the odometry's twists are along x forward, y right, z down: it turns positive to the right",
+        "negate vy, vz, wy and wz, or tell that Cs hangs upside down (a roll of 180 degrees)",
+        lambda t: _HALF_TURN_X @ t,
+    ),
+    PoseMistake(
+        "the odometry's x points back where Cs looks ahead",
+        "negate vx, vy, wx and wy, or tell that Cs looks back (a yaw of 180 degrees)",
+        lambda t: _HALF_TURN_Z @ t,
+    ),
+)
+
+
 def body_mistakes(t_bs: Array | None) -> tuple[PoseMistake, ...]:
     """Of true poses that were a body's and became the camera's by ``T_BS`` (4, 4); none without one."""
     if t_bs is None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from collabslam.checks.calibration import CalibrationReport
     from collabslam.checks.gyroscope import GyroReport
+    from collabslam.checks.wheels import WheelsReport
     from collabslam.types import Recording
 
 
@@ -20,6 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_source(parser)
     options.add_worn(parser)
+    options.add_odometry(parser)
     parser.add_argument(
         "--write",
         metavar="FILE",
@@ -33,6 +35,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Print what was found; the status is 1 where something does not fit, or nothing could be checked."""
     from collabslam.checks.calibration import check_persons
     from collabslam.checks.gyroscope import check_gyroscope
+    from collabslam.checks.wheels import check_wheels
     from collabslam.errors import SettingsError
     from collabslam.runs.busy import busy
     from collabslam.runs.report import text_table
@@ -53,6 +56,9 @@ def main(arguments: argparse.Namespace) -> int:
         reports = check_persons(recording, tell)
         tell("turns of the images beside the gyroscope's")
         gyro = check_gyroscope(recording)
+        tell("motion of the images beside the odometry's")
+        wheels = check_wheels(recording)
+    beside = [report for report in (gyro, wheels) if report is not None]
     print(recording.name)
     first = next(iter(reports.values()))
     rows = _robot_rows(first)
@@ -60,16 +66,19 @@ def main(arguments: argparse.Namespace) -> int:
         rows += [
             [f"{label}, {name}" if len(reports) > 1 else label, text] for label, text in _worn_rows(report)
         ]
-    print(text_table([*rows, *_gyro_rows(gyro)]))
-    for line in [*_sentences(reports), *(gyro.findings + gyro.notes if gyro else [])]:
+    print(text_table([*rows, *_gyro_rows(gyro), *_wheels_rows(wheels)]))
+    said = [line for report in beside for line in report.findings + report.notes]
+    for line in [*_sentences(reports), *said]:
         print(line)
     if all(report.agrees for report in reports.values()):
         print("Calibration, poses and time stamps agree with the images, as far as they were checked.")
     if gyro is not None and gyro.agrees:
         print("The gyroscope turns as the images do: its mount and its clock fit.")
+    if wheels is not None and wheels.agrees:
+        print("The odometry moves as the images do: where Cs sits on the robot fits.")
     written = arguments.write is None or _write(recording, arguments.write, "".join(names))
-    checked = all(report.checked for report in reports.values()) or (gyro is not None and gyro.agrees)
-    wrong = any(report.findings for report in reports.values()) or (gyro is not None and gyro.findings)
+    checked = all(report.checked for report in reports.values()) or any(r.agrees for r in beside)
+    wrong = any(report.findings for report in [*reports.values(), *beside])
     return OK if checked and written and not wrong else NOT_TRUSTED
 
 
@@ -121,6 +130,23 @@ def _gyro_rows(report: GyroReport | None) -> list[list[str]]:
         clock = f"{sensor.time_offset:+.4f} s (sd {number(sensor.time_offset_sd, 4)})"
         rows.append(["added to its stamps", clock])
     return rows
+
+
+def _wheels_rows(report: WheelsReport | None) -> list[list[str]]:
+    """What the images say of the odometry."""
+    import numpy as np
+
+    from collabslam.runs.report import number
+
+    if report is None or report.misfit is None:
+        return []
+    degrees, pairs = 180.0 / np.pi, f"of {report.pairs} pairs"
+    ways, turns = (None if np.isnan(angle) else angle for angle in report.misfit)
+    return [
+        [f"ways {pairs} beside the odometry's", number(ways, 1, "degrees", degrees)],
+        [f"axes of turns {pairs} beside the odometry's", number(turns, 1, "degrees", degrees)],
+        ["turns that fit best", number(report.turn_scale, 3, "times the odometry's")],
+    ]
 
 
 def _sentences(reports: Mapping[str, CalibrationReport]) -> list[str]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_source(parser)
+    options.add_odometry(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:

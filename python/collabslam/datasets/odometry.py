@@ -18,7 +18,8 @@ from collabslam.types import Array, Odometry
 
 TRIANGLE = np.tril_indices(6)
 """Rows and columns of the 21 numbers of a covariance."""
-_UNKNOWN = 1e4  # (m/s)^2, (rad/s)^2: what is not measured, whatever larger number stands for it
+UNMEASURED = 1e4
+"""Variance, (m/s)^2 or (rad/s)^2, of what is not measured, whatever larger number stands for it."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,18 @@ def mounted(mount: Sequence[float]) -> Array:
     t_bc[:3, :3] = turn_z @ turn_y @ turn_x @ BODY_FROM_OPTICAL[:3, :3]
     t_bc[:3, 3] = mount[:3]
     return t_bc
+
+
+def mount_of(t_bc: Array) -> tuple[float, ...]:
+    """The numbers that `mounted` makes (4, 4) ``T_BC`` of: x, y, z (metres), roll, pitch, yaw (degrees)."""
+    turn = t_bc[:3, :3] @ BODY_FROM_OPTICAL[:3, :3].T
+    pitch = float(np.arcsin(np.clip(-turn[2, 0], -1.0, 1.0)))
+    if abs(turn[2, 0]) > 1.0 - 1e-9:  # looks straight up or down: roll and yaw turn alike
+        roll, yaw = 0.0, float(np.arctan2(-turn[0, 1], turn[1, 1]))
+    else:
+        roll = float(np.arctan2(turn[2, 1], turn[2, 2]))
+        yaw = float(np.arctan2(turn[1, 0], turn[0, 0]))
+    return (*map(float, t_bc[:3, 3]), *(float(a) for a in np.rad2deg([roll, pitch, yaw])))
 
 
 def read_odometry(path: Path, given: OdometryGiven) -> Odometry:
@@ -164,8 +177,8 @@ def increments(times: Array, poses: Array, first: Array) -> Array:
 def _bounded(covariances: Array) -> Array:
     """Covariances in which an axis that was not measured has one and the same large variance."""
     out: Array = covariances.copy()
-    samples, axes = np.nonzero(np.diagonal(covariances, axis1=1, axis2=2) > _UNKNOWN)
+    samples, axes = np.nonzero(np.diagonal(covariances, axis1=1, axis2=2) > UNMEASURED)
     out[samples, axes, :] = 0.0
     out[samples, :, axes] = 0.0
-    out[samples, axes, axes] = _UNKNOWN
+    out[samples, axes, axes] = UNMEASURED
     return out

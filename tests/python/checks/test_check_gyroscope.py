@@ -17,7 +17,8 @@ from collabslam.checks.gyro_fit import Integrated, Turns
 from collabslam.checks.gyroscope import GyroReport, check_gyroscope, image_turns
 from collabslam.checks.matching import Matches
 from collabslam.checks.mistakes import MirroredCamera
-from collabslam.checks.relative_turn import relative_turn
+from collabslam.checks.relative_motion import relative_motion
+from collabslam.checks.wheels import PARALLAX
 from collabslam.cli import main as cli
 from collabslam.geometry import pose_inverse, rotation_exp, rotation_log, se3_exp
 from collabslam.types import Array, Imu, ImuLog
@@ -154,7 +155,7 @@ def test_gaps_of_the_samples_are_not_bridged(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize("along", [(0.0, 0.0, 0.0), (0.1, 0.02, 0.05)])
-def test_the_turn_between_two_images(clip: Clip, along: tuple[float, float, float]) -> None:
+def test_the_motion_between_two_images(clip: Clip, along: tuple[float, float, float]) -> None:
     """With wrong matches, and with no way at all, which no essential matrix likes."""
     model = MirroredCamera(clip.recording.camera)
     generator = np.random.default_rng(2)
@@ -166,10 +167,14 @@ def test_the_turn_between_two_images(clip: Clip, along: tuple[float, float, floa
         for p in (points, moved)
     )
     b[:20] = generator.uniform([0, 0], [700, 470], (20, 2))
-    turn = relative_turn(Matches(a, b), model)
-    assert turn is not None
-    assert np.rad2deg(np.linalg.norm(rotation_log(turn @ t_ab[:3, :3].T))) < 0.2
-    assert relative_turn(Matches(a[:10], b[:10]), model) is None
+    motion = relative_motion(Matches(a, b), model)
+    assert motion is not None
+    assert np.rad2deg(np.linalg.norm(rotation_log(motion.t_ab[:3, :3] @ t_ab[:3, :3].T))) < 0.2
+    assert (motion.parallax > PARALLAX) == any(along)
+    if any(along):
+        way = np.array(along) / np.linalg.norm(along)
+        assert np.rad2deg(np.arccos(motion.t_ab[:3, 3] @ way)) < 3.0  # and not the way back
+    assert relative_motion(Matches(a[:10], b[:10]), model) is None
 
 
 @pytest.mark.slow

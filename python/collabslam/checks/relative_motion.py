@@ -1,12 +1,15 @@
-"""How a camera turned between two images, whatever it moved: the rotation of the best essential matrix."""
+"""How a camera turned between two images, and which way it went: the best essential matrix taken apart."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from collabslam.checks.matching import LEAST_MATCHES, Matches, sampson
 from collabslam.checks.mistakes import MirroredCamera
+from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.geometry import nearest_rotation, pose, pose_inverse, se3_exp
 from collabslam.types import Array
 
@@ -19,12 +22,19 @@ _SPREAD = 4
 """Iterations of the rotation that moves all rays, each match weighted by what it leaves."""
 
 
-def relative_turn(matches: Matches, model: MirroredCamera) -> Array | None:
-    """R_ab (3, 3) between the images of a pair of one camera, maps directions of b into a.
+class Motion(NamedTuple):
+    """``t_ab`` (4, 4), maps points of the second image's camera into the first's; the way has length 1.
 
-    None where too few matches agree.  Where nothing near is seen, any translation explains as much, and the
-    rotation is known all the same.
+    ``parallax`` is the median angle, rad, that the way moved the points by beside the turn.  Where it is
+    small any way explains as much, and the turn is known all the same.
     """
+
+    t_ab: Array
+    parallax: float
+
+
+def relative_motion(matches: Matches, model: MirroredCamera) -> Motion | None:
+    """How one camera moved between the images of a pair; None where too few matches agree."""
     a, b = model.rays(matches.uv_a), model.rays(matches.uv_b)
     usable = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     a, b = a[usable], b[usable]
@@ -38,9 +48,21 @@ def relative_turn(matches: Matches, model: MirroredCamera) -> Array | None:
     turns = [min(first, second, key=lambda turn: -float(np.trace(turn))), _common_turn(b, a)]
     tried = [refined(a, b, pose(turn, along.ravel()), model.focal) for turn in turns]
     t_ba, left = min(tried, key=lambda found: float(np.sum(np.minimum(np.abs(found[1]), CAP_PX))))
-    if int(np.sum(np.abs(left) < CAP_PX)) < LEAST_MATCHES:
+    agree = np.abs(left) < CAP_PX
+    if int(np.sum(agree)) < LEAST_MATCHES:
         return None
-    return np.asarray(pose_inverse(t_ba)[:3, :3])
+    t_ab, a, b = pose_inverse(t_ba), a[agree], b[agree]
+    t_ab[:3, 3] *= _sense(a, b, t_ab)
+    turned = b @ t_ab[:3, :3].T
+    sines = np.linalg.norm(np.cross(a, turned), axis=1)
+    angles = np.arctan2(sines, np.sum(a * turned, axis=1))
+    return Motion(t_ab, float(np.median(angles)))
+
+
+def _sense(a: Array, b: Array, t_ab: Array) -> float:
+    """1 or -1: the sign of the way by which more points lie in front of both; lines alone do not tell it."""
+    ranges = inverse_ranges(a, b, t_ab), inverse_ranges(b, a, pose_inverse(t_ab))
+    return 1.0 if float(np.sum(np.sign(ranges))) >= 0.0 else -1.0
 
 
 def _common_turn(b: Array, a: Array) -> Array:
