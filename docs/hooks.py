@@ -32,6 +32,8 @@ def commands() -> str:
     lines = [
         "# Commands",
         "",
+        "What each command does, and its options. It worked if the exit status is 0.",
+        "",
         "Exit status: 0 fine, 1 finished but not to be trusted, 2 bad input, 3 our fault, 130 and 143 "
         "stopped by a signal.",
     ]
@@ -53,4 +55,5 @@ def numbers() -> str:
         "`make bench-frames` the whole frame loop, images included. Compare times within one run of one "
         "machine only.\n"
     )
-    return "# Accuracy and speed\n" + measured + speed
+    question = "\nHow far off is the pose, with the worn camera and without it, in short?\n"
+    return "# Accuracy and speed\n" + question + measured + speed
