@@ -44,6 +44,8 @@ TOOLS = {"evo_ape", "smfeval", "rerun"}
 COMMAND_LINES = {"collabslam": cli.main, "collabslam-lab": lab.main}
 BESIDE: list[subprocess.Popen[bytes]] = []
 """What a page started with an ``&`` and waits for with ``wait``."""
+OVERVIEWS = {"evidence.md", "numbers.md"}
+"""Pages of the list Evidence that are no claim."""
 FRAMES = 9
 START = 1_700_000_000_000_000_000
 
@@ -307,6 +309,28 @@ def test_every_formula_is_set() -> None:
     command = ["node", "-e", program, str(ROOT / "docs" / "katex" / "katex.min.js")]
     done = subprocess.run(command, check=False, input=json.dumps(formulas), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def evidence_pages() -> list[str]:
+    """Pages of claims, of the list Evidence of the site."""
+    listed = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\n  - Evidence:\n")[1]
+    return [name for name in re.findall(r": (\S+\.md)$", listed, re.MULTILINE) if name not in OVERVIEWS]
+
+
+@pytest.mark.parametrize("name", evidence_pages())
+def test_a_page_of_evidence_says_what_it_shows_and_what_it_does_not(name: str) -> None:
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    tables = [
+        (ROOT / "docs" / table).read_text(encoding="utf-8")
+        for table in re.findall(r'^--8<-- "(.+)"$', page, re.M)
+    ]
+    words = " ".join(page.split())
+    assert "?" in page.split("\n```")[0], "a question"
+    assert re.search(r"^```(sh|text)\n", page, re.MULTILINE), "its command"
+    for said in ("It worked if", "**What it shows.**", "**What it does not show.**"):
+        assert said in words, said
+    assert re.search(r"^\|", "\n".join([page, *tables]), re.MULTILINE), "a table"
+    assert re.search(r"\b[0-9a-f]{7}\b", "\n".join([page, *tables])), "the commit"
 
 
 def test_lines_of_the_method_are_short() -> None:
