@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -15,6 +16,7 @@ from collabslam.datasets.calibration import check_size
 from collabslam.datasets.deep_range import SAMPLED, Extent, Range, common_range, extent_of
 from collabslam.datasets.gate import tell
 from collabslam.datasets.image_header import SIGNATURES, Header, read_header
+from collabslam.datasets.image_kinds import FILM, FOREIGN, kind_of, ours
 from collabslam.datasets.image_names import in_order_of_names, of_one_kind
 from collabslam.datasets.mosaic import LOOKED_AT, MOSAIC_TOLD, mosaic_of
 from collabslam.errors import DataError
@@ -26,7 +28,9 @@ SMALL, DENSEST = 1 << 24, 1100
 """Pixels that any header may promise, and so many more for each byte of the file (DEFLATE's best is 1032)."""
 MOST_PASSED = 1 << 29
 """Pixels that all passes over an image may go over: 64 scans of 8 megapixels, ten of 50."""
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff"})
+IMAGE_SUFFIXES = frozenset(
+    {".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".pgm", ".ppm", ".pnm", ".bmp", ".tif", ".tiff"}
+)
 _LARGEST = 1 << 28
 """Bytes of an image's file."""
 
@@ -86,11 +90,26 @@ def decode(
     _check_size(header, camera, where)
     image = None if header is None else _decoded(data, header, mosaic)
     if header is None or image is None:
-        raise DataError(
-            f"The image {where} is empty, cut short or not an image that is read ({SIGNATURES}); copy it "
-            "again from the source, or convert it."
-        )
+        raise DataError(_no_image(data, where))
     return (deep or Range(0, header.bits)).grey(image)
+
+
+def _no_image(data: bytes, where: str) -> str:
+    """What is wrong with a file that is no image, and what to do."""
+    kind, begun = kind_of(data), ours(data)
+    if not data:
+        return f"The image {where} is empty; copy it again from the source."
+    if kind is not None:
+        return f"The image {where} is {kind.name}, which is not read ({SIGNATURES} are); {kind.remedy}."
+    if begun is not None:
+        return (
+            f"The image {where} is {begun} that is cut short or broken, moves, or is larger than any image "
+            f"that is read ({MOST_PIXELS >> 20} million pixels); copy it again, or convert it."
+        )
+    return (
+        f"The image {where} is not an image that is read ({SIGNATURES}); copy it again from the source, or "
+        "convert it."
+    )
 
 
 def _check_size(header: Header | None, camera: Camera | None, where: str) -> None:
@@ -192,7 +211,9 @@ def deep(data: bytes, where: str) -> np.ndarray:
     header = read_header(data)
     image = None if header is None else _decoded(data, header)
     if image is None or image.dtype != np.uint16:
-        raise DataError(f"The depth image {where} is broken, or not of 16 bits; give 16-bit PNG files.")
+        kind = kind_of(data)
+        found = "broken, or not of 16 bits" if kind is None else f"{kind.name}, which is not read"
+        raise DataError(f"The depth image {where} is {found}; give 16-bit PNG files.")
     return image
 
 
@@ -230,10 +251,41 @@ def list_images(folder: Path) -> list[Path]:
     found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != "."]
     for path in found:
         require_regular(path)
+    others = unread_images(folder)
+    if sum(others.values()) > len(found):
+        kinds = ", ".join(f"{count} {kind}" for kind, count in others.items())
+        beside = f" beside {len(found)} that are" if found else ""
+        raise DataError(
+            f"The folder {folder} holds images that are not read ({kinds}){beside}; convert them to PNG or "
+            "JPEG, each with its number (ffmpeg -i IN OUT.png, or magick mogrify -format png FILES)."
+        )
     if not found:
         kinds = ", ".join(sorted(IMAGE_SUFFIXES))
         raise DataError(f"The folder {folder} holds no images; files ending in {kinds} are read.")
+    for kind, count in others.items():
+        tell("passed over", f"{count} {kind} images, which are not read", folder)
     return of_one_kind(in_order_of_names(found))
+
+
+def single_image(path: Path) -> str | None:
+    """What to say of an image, or another kind of file that is known, in place of a recording."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except OSError:
+        return None
+    kind, name = kind_of(start), ours(start)
+    if kind is None:
+        remedy = "give the folder of its images"
+        return None if name is None else f"{path} is {name}, not a recording; {remedy}, or a film."
+    remedy = "rename it so that it ends in .mp4" if kind.remedy == FILM else kind.remedy
+    return f"{path} is {kind.name}, which is not read as a recording; {remedy}."
+
+
+def unread_images(folder: Path) -> dict[str, int]:
+    """How many images of each kind a folder holds that are not read, by the ends of their names."""
+    ends = (FOREIGN.get(p.suffix.lower()) for p in folder.iterdir() if p.name[0] != ".")
+    return dict(Counter(kind for kind in ends if kind is not None))
 
 
 def named_file(folder: Path, name: str, where: str) -> Path:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.frame_poses import poses_of_frames
+from collabslam.datasets.images import list_images, single_image
 from collabslam.datasets.imu.beside import GyroGiven, WornGyroGiven, imu_log
 from collabslam.datasets.imu.worn import with_worn_rates
 from collabslam.datasets.masks import masks_beside
@@ -115,7 +116,10 @@ def recognise(path: Path, given: Given) -> Reader:
         if reader.matches(path) and (reader.layout != folder.LAYOUT or given.camera is not None):
             return reader
     remedy = ""
+    if path.is_file() and (said := single_image(path)) is not None:
+        raise DataError(said)
     if folder.matches(path):
+        list_images(folder.images_of(path) or path)  # says it where they are images that are not read
         remedy = f" 'collabslam init {path} --board 7x5:0.03' makes the calibration from a film of a board."
     raise DataError(
         f"The layout of {path} is not recognised; the known ones are: {'; '.join(recognised_layouts())}."

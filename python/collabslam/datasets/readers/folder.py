@@ -11,7 +11,7 @@ from pathlib import Path
 
 from collabslam.datasets.calibration import Calibration, of_stamped, read_calibration
 from collabslam.datasets.gate import data_lines, is_number, leave_columns
-from collabslam.datasets.images import IMAGE_SUFFIXES, list_images, require_files
+from collabslam.datasets.images import IMAGE_SUFFIXES, list_images, require_files, unread_images
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.recording import ImageRecording, stamps_in_names, times_at_rate
 from collabslam.datasets.units import as_seconds, listed_stamps
@@ -22,11 +22,12 @@ LAYOUT = "a folder of images with --camera CAMERA.yaml"
 
 
 def images_of(path: Path) -> Path | None:
-    """The folder that holds the images, or None."""
-    for folder in (path, path / "images"):
-        if folder.is_dir() and any(p.suffix.lower() in IMAGE_SUFFIXES for p in folder.iterdir()):
+    """The folder that holds the images, or None; else one of images that are not read."""
+    folders = [folder for folder in (path, path / "images") if folder.is_dir()]
+    for folder in folders:
+        if any(p.suffix.lower() in IMAGE_SUFFIXES for p in folder.iterdir()):
             return folder
-    return None
+    return next((folder for folder in folders if unread_images(folder)), None)
 
 
 def read_times(times: Path, paths: list[Path]) -> tuple[Array, list[Path]]:
