@@ -10,11 +10,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from browser import Browser, browser
-from phone_scene import TAG, ThereAndBack, phone_video
+from phone_scene import RATE, TAG, ThereAndBack, phone_video
 
 from collabslam import Camera, Settings
+from collabslam.datasets.poses import read_track
 from collabslam.live import link
 from collabslam.live.cameras import RecordingPlayback
 from collabslam.live.frame_source import CapturedImage
@@ -22,6 +25,7 @@ from collabslam.live.gateway import Gateway
 from collabslam.live.keys import make_keys
 from collabslam.live.robot import RobotNode, RobotOptions
 from collabslam.live.web import Tokens, WebServer
+from collabslam.types import Array
 
 TOKENS = Tokens("phone", "view")
 SHOTS = Path(__file__).parents[2] / "results" / "pages"
@@ -29,15 +33,39 @@ SOON = 90.0
 """Seconds in which a page does what it should, however busy the machine."""
 
 
-class Ending(RecordingPlayback):
-    """Ends when the browser has seen enough."""
+class AsFastAsItGoes(RecordingPlayback):
+    """Gives an image when the robot is done with the one before, and ends when the browser has seen enough.
+
+    An image is stamped as it is given: on a busy machine the robot drives more slowly, and loses none.
+    """
 
     def __init__(self, recording: ThereAndBack) -> None:
         super().__init__(recording)
         self.enough = threading.Event()
+        self.stamps: list[float] = []
+        self._done = 0
+
+    def follow(self, node: RobotNode) -> None:
+        """This robot is waited for."""
+        done = node._done
+
+        def note_done(*arguments: Any) -> None:
+            done(*arguments)
+            self._done += 1
+
+        node._done = note_done  # type: ignore[method-assign]
 
     def images(self, ended: Callable[[], bool]) -> Iterator[CapturedImage]:
-        return super().images(self.enough.is_set)
+        for i in range(len(self.recording)):
+            frame, begun = self.recording.frame(i), self.clock.now()
+            last = self.stamps[-1] if self.stamps else begun
+            self.wait_until(last + 1.0 / RATE, self.clock.now, self.enough.is_set)
+            while self._done < i and not self.enough.is_set():
+                time.sleep(0.005)
+            if self.enough.is_set():
+                return
+            self.stamps.append(self.clock.now())
+            yield CapturedImage(self.stamps[-1], frame.image)
 
 
 @dataclass(frozen=True)
@@ -49,6 +77,20 @@ class Site:
     out: Path
     recording: ThereAndBack
     browser: Browser
+    camera: AsFastAsItGoes
+
+    def ways(self) -> tuple[Array, Array]:
+        """How far each frame that the robot has told of is from that nearest to where its way begins, metres:
+        by its poses, and in truth, (N,) both.  The robot is anywhere on its way when it starts."""
+        path = self.out / "trajectory.tum"
+        stamps, poses = read_track(path)
+        given = np.array(self.camera.stamps)
+        frames = np.abs(stamps[:, None] - given[None]).argmin(axis=1)
+        assert np.abs(given[frames] - stamps).max() < 0.01
+        true, begins = self.recording.truth[frames][:, :3, 3], self.recording.truth[0][:3, 3]
+        first = int(np.argmin(np.linalg.norm(true - begins, axis=1)))
+        told = poses[:, :3, 3]
+        return np.linalg.norm(told - told[first], axis=1), np.linalg.norm(true - true[first], axis=1)
 
     def address(self, page: str, token: str) -> str:
         return f"https://127.0.0.1:{self.port}/{page}#t={token}"
@@ -90,11 +132,12 @@ def site(folder: Path, phone: Camera | None) -> Iterator[Site]:
     """A robot that drives until the block ends, and pages for a phone of that calibration."""
     make_keys(folder, hosts=[], devices=[], web_hosts=["127.0.0.1"])
     recording = ThereAndBack()
-    camera = Ending(recording)
+    camera = AsFastAsItGoes(recording)
     address = free_address()
     with link.open_robot(address, None) as at_robot, link.open_device(address, None) as at_device:
         options = RobotOptions(folder / "out", Settings.default(), targets=[TAG])
         node = RobotNode(at_robot, camera, options)
+        camera.follow(node)
         robot = threading.Thread(target=node.run, daemon=True)
         robot.start()
         try:
@@ -102,16 +145,7 @@ def site(folder: Path, phone: Camera | None) -> Iterator[Site]:
                 served(Gateway(at_device, "web", phone), folder / "web") as port,
                 browser(phone_video(folder / "phone.mjpeg")) as whole,
             ):
-                yield Site(port, node, folder / "out", recording, whole)
+                yield Site(port, node, folder / "out", recording, whole, camera)
         finally:
             camera.enough.set()
             robot.join(SOON)
-
-
-def until(true: Callable[[], bool]) -> bool:
-    end = time.monotonic() + SOON
-    while time.monotonic() < end:
-        if true():
-            return True
-        time.sleep(0.1)
-    return False
