@@ -96,7 +96,7 @@ def test_no_header_may_promise_a_huge_image(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize("name", list(HIDDEN))
 def test_a_jpeg_is_read_as_its_decoder_does_or_not_at_all(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("was decoded"))
-    with pytest.raises(DataError, match="cut short or broken, moves|not an image that is read"):
+    with pytest.raises(DataError, match=r"cut short or broken, moves|not an image that is read"):
         decode(HIDDEN[name], "it")
 
 
