@@ -182,14 +182,14 @@ class Playing:
         raise AssertionError(f"the robot never had {count} frames {link}")
 
 
-def frames_of(out: Path) -> list[tuple[float, str]]:
-    """Time and link of each frame that a result folder tells of by now."""
+def frames_of(out: Path, column: str = "link") -> list[tuple[float, str]]:
+    """Time and link, or another column, of each frame that a result folder tells of by now."""
     path = out / "frames.csv"
     header, *rows = path.read_text().rpartition("\n")[0].split("\n") if path.is_file() else [""]
     if not rows:
         return []
-    t, link = (header.split(",").index(name) for name in ("t", "link"))
-    return [(float(cells[t]), cells[link]) for cells in (row.split(",") for row in rows)]
+    t, asked = (header.split(",").index(name) for name in ("t", column))
+    return [(float(cells[t]), cells[asked]) for cells in (row.split(",") for row in rows)]
 
 
 def stopped(playing: Playing) -> tuple[float, float]:

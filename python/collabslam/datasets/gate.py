@@ -24,6 +24,26 @@ from collabslam.errors import DataError
 from collabslam.formats.files import read_text
 from collabslam.formats.yaml_text import load_yaml, once
 
+_OF_PYTHON = "it is {}; write its numbers as text (YAML: camera_matrix, image_width, image_height, ...)"
+_BINARY = {
+    b"\x93NUMPY": _OF_PYTHON.format("an array of NumPy"),
+    b"MATLAB ": _OF_PYTHON.format("a file of MATLAB"),
+    b"\x89HDF": _OF_PYTHON.format("HDF5"),
+    b"\x80": _OF_PYTHON.format("a pickle of Python"),
+}
+_REPORTS = (
+    (r"^Calibration results", "it is Kalibr's report; give the camchain.yaml that is beside it"),
+    (r"^\s*PPX:", "it is RealSense's list; write camera_matrix, distortion_coefficients, image_width, ..."),
+    (r"^\s*fc\s*=\s*\[", "it is the MATLAB toolbox's; write fc and cc as camera_matrix, kc as dist_coeffs"),
+)
+"""What tells another program's text about a calibration, and what to do."""
+_NAMED = (
+    ("fx", "fy", "cx", "cy"),
+    ("width", "height"),
+    ("k1", "k2", "p1", "p2"),
+    ("k1", "k2", "p1", "p2", "k3"),
+)
+"""Names of numbers, in their order, that a key may hold in place of a list of them."""
 _PACKED = {b"\x1f\x8b": "gzip", b"PK": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"(\xb5/\xfd": "zstd"}
 _SHOWN = 12
 """Numbers of a value that are shown."""
@@ -136,7 +156,8 @@ class Keys:
         which = f"The key '{self._prefix}{next(filter(self.has, names), names[0])}' of {self.where}"
         value = self.need(*names)
         if isinstance(value, Mapping):
-            value = value.get("data")
+            named = next((names for names in _NAMED if set(names) == set(value)), None)
+            value = value.get("data") if named is None else [value[name] for name in named]
         try:
             # PyYAML reads 1e-05 as text, hence float() of each item.
             found = [float(x) for x in np.asarray(value, dtype=object).ravel().tolist()]
@@ -196,12 +217,17 @@ def read_keys(path: Path) -> Keys:
         reason = " ".join(str(error).split())
         if isinstance(error, json.JSONDecodeError) and error.msg == "Extra data":
             reason = "it has one object after the other: give a single one, or poses as lines of numbers"
-        raise DataError(
-            f"The file {path} is not valid YAML, JSON or OpenCV's XML ({reason}); correct it."
-        ) from error
+        said = another_report(text) or f"is not valid YAML, JSON or OpenCV's XML ({reason}); correct it"
+        raise DataError(f"The file {path} {said}.") from error
     if not isinstance(content, dict):
         raise DataError(f"The file {path} holds no 'key: value' lines; give it in YAML.")
     return Keys(content, path)
+
+
+def another_report(text: str) -> str | None:
+    """What to say of a file that is another program's text about a calibration; None if it is none known."""
+    found = next((said for mark, said in _REPORTS if re.search(mark, text, re.MULTILINE)), None)
+    return None if found is None else f"is no calibration that is read: {found}"
 
 
 def _yaml(text: str) -> Any:
@@ -243,6 +269,9 @@ def text_of(path: Path) -> str:
         packed = next((kind for head, kind in _PACKED.items() if error.object.startswith(head)), None)
         line = error.object.count(b"\n", 0, error.start) + 1
         why = f"it is packed ({packed}); unpack it" if packed else f"line {line} is not UTF-8; save it so"
+        if path.suffix.lower() == ".npz":
+            why = _OF_PYTHON.format("arrays of NumPy")
+        why = next((said for head, said in _BINARY.items() if error.object.startswith(head)), why)
         raise DataError(f"The file {path} cannot be read as text: {why}.") from error
     except OSError as error:
         why = error.strerror or "no file"

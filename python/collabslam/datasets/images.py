@@ -103,8 +103,9 @@ def _no_image(data: bytes, where: str) -> str:
         return f"The image {where} is {kind.name}, which is not read ({SIGNATURES} are); {kind.remedy}."
     if begun is not None:
         return (
-            f"The image {where} is {begun} that is cut short or broken, moves, or is larger than any image "
-            f"that is read ({MOST_PIXELS >> 20} million pixels); copy it again, or convert it."
+            f"The image {where} is {begun} that is cut short or broken, moves, has other samples than whole "
+            f"numbers of 8 or 16 bits, or is larger than any that is read ({MOST_PIXELS >> 20} million "
+            "pixels); copy it again, or convert it."
         )
     return (
         f"The image {where} is not an image that is read ({SIGNATURES}); copy it again from the source, or "

@@ -32,6 +32,8 @@ _LEAST_FOCAL = 0.05
 """Share of the picture's larger side below which a focal length is not in pixels."""
 _ALIKE = 0.2
 """By which share focal lengths, and the centre and the picture's middle, differ at most as a rule."""
+_CENTRED = 0.05
+"""Share of the size by which a centre is off the middle at most, and focal lengths are unlike, as a rule."""
 _MOST_APART = 1.0
 """Pixels by which a lens may be off that was carried to another model."""
 _DECIMALS = 4
@@ -47,6 +49,25 @@ def model_of(name: str) -> str | None:
         return MODELS[plain]
     plain = plain.replace("-", "_").replace(" ", "_").removeprefix("pinhole_")
     return MODELS.get(plain, _ALSO.get(plain))
+
+
+def _middle(x: float, y: float, size: Sequence[float]) -> float:
+    """How far a point is from the picture's middle, as a share of the size."""
+    return max(abs(x / size[0] - 0.5), abs(y / size[1] - 0.5))
+
+
+def _told_first(size: Sequence[float], numbers: Sequence[float]) -> bool:
+    """Whether the first two numbers are a centre, and the others focal lengths, which are alike."""
+    a, b, c, d = numbers
+    alike = max(c / d, d / c) < 1.0 + _CENTRED if min(c, d) > 0.0 else False
+    off = max(a / b, b / a) > 1.0 + 2.0 * _CENTRED and _middle(c, d, size) > 2.0 * _CENTRED
+    return alike and off and _middle(a, b, size) < _CENTRED
+
+
+def _centre_exchanged(size: Sequence[float], numbers: Sequence[float]) -> bool:
+    """Whether the centre is y, x: in the picture's middle so, and not as it is."""
+    x, y = numbers[2:]
+    return _middle(y, x, size) < _CENTRED and _middle(x, y, size) > 2.0 * _CENTRED
 
 
 def check_picture(size: Sequence[float], intrinsics: Sequence[float], where: str) -> tuple[int, int]:
@@ -68,6 +89,11 @@ def check_picture(size: Sequence[float], intrinsics: Sequence[float], where: str
         raise DataError(
             f"{where} has {fx:g}, {fy:g}, {cx:g}, {cy:g}, which looks like fx, cx, fy, cy; give fx, fy, cx, "
             "cy."
+        )
+    if _told_first(size, intrinsics) or _centre_exchanged(size, intrinsics):
+        order = "cx, cy, fx, fy" if _told_first(size, intrinsics) else "fx, fy, cy, cx"
+        raise DataError(
+            f"{where} has {fx:g}, {fy:g}, {cx:g}, {cy:g}, which looks like {order}; give fx, fy, cx, cy."
         )
     if max(fx, fy) < _LEAST_FOCAL * max(size):
         raise DataError(

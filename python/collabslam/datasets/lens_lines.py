@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from collabslam._core import Camera
-from collabslam.datasets.gate import data_lines, is_number, tell
+from collabslam.datasets.gate import another_report, data_lines, is_number, tell, text_of
 from collabslam.datasets.lens import lens
 from collabslam.errors import DataError
 
@@ -62,10 +62,11 @@ def camera_of_lines(path: Path) -> Camera:
             f"{path} is a matrix and does not say the size of its pictures; write it in YAML: camera_matrix, "
             "image_width, image_height, distortion_coefficients."
         )
-    raise DataError(
-        f"The file {path} holds no 'key: value' lines, nor a single camera of COLMAP's cameras.txt, nor one "
-        "of DSO; give a calibration in YAML."
+    said = another_report(text_of(path)) or (
+        "holds no 'key: value' lines, nor a single camera of COLMAP's cameras.txt, nor one of DSO; give a "
+        "calibration in YAML"
     )
+    raise DataError(f"The file {path} {said}.")
 
 
 def _colmap(lines: list[list[str]], path: Path) -> Camera:

@@ -48,6 +48,8 @@ class Reader(NamedTuple):
     open: Callable[[Path, Given], DiskRecording]
 
 
+_SHOWN = 4
+"""Folders that are named."""
 _AXES_OF = {"poses", "t_cf"}
 """What axes may be given of."""
 
@@ -121,6 +123,14 @@ def recognise(path: Path, given: Given) -> Reader:
     if folder.matches(path):
         list_images(folder.images_of(path) or path)  # says it where they are images that are not read
         remedy = f" 'collabslam init {path} --board 7x5:0.03' makes the calibration from a film of a board."
+    inner = (
+        sorted(p.name for p in path.iterdir() if p.is_dir() and folder.matches(p)) if path.is_dir() else []
+    )
+    if inner and not folder.matches(path):
+        remedy = f" Its {'folders' if inner[1:] else 'folder'} {', '.join(inner[:_SHOWN])} "
+        remedy += (
+            f"{'hold' if inner[1:] else 'holds'} images: give one, as {path / inner[0]}, with --camera FILE."
+        )
     raise DataError(
         f"The layout of {path} is not recognised; the known ones are: {'; '.join(recognised_layouts())}."
         f"{remedy}"

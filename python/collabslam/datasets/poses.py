@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam.datasets.gate import data_lines, leave_columns, tell, text_of
+from collabslam.datasets.gate import data_lines, is_number, leave_columns, tell, text_of
 from collabslam.datasets.pose_columns import HEADER, columns_of
 from collabslam.datasets.units import as_seconds, counts, read_stamps
 from collabslam.errors import DataError, SettingsError
@@ -205,7 +205,7 @@ def _pose_fields(fields: list[str], order: str, further: tuple[int, ...] | None,
 
 def after_id(lines: list[tuple[int, list[str]]]) -> int:
     """1 if a first column counts the lines of nine, before the stamp; else 0."""
-    nine = all(len(fields) == 9 for _, fields in lines)
+    nine = all(len(fields) == 9 and is_number(fields[1]) for _, fields in lines)
     return int(nine and counts([fields[0] for _, fields in lines]))
 
 

@@ -89,7 +89,7 @@ def test_no_header_may_promise_a_huge_image(monkeypatch: pytest.MonkeyPatch) -> 
     data = bytearray(encoded(".bmp", picture()))
     data[18:26] = struct.pack("<ii", 60000, 60000)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("was decoded"))
-    with pytest.raises(DataError, match="cut short or broken, moves, or is larger"):
+    with pytest.raises(DataError, match="cut short or broken, moves"):
         decode(bytes(data), "it")
 
 
@@ -117,7 +117,7 @@ def test_a_jpeg_as_phones_write_it_is_read(data: bytes) -> None:
 @pytest.mark.parametrize("name", list(OTHERWISE))
 def test_what_decoders_read_otherwise_is_not_decoded(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("was decoded"))
-    with pytest.raises(DataError, match="cut short or broken, moves, or is larger"):
+    with pytest.raises(DataError, match="cut short or broken, moves"):
         decode(OTHERWISE[name], "it")
 
 
@@ -241,7 +241,7 @@ def test_many_passes_over_a_large_picture_are_refused(monkeypatch: pytest.Monkey
     data = encoded(".jpg", picture())
     assert decode(data, "it").shape == (24, 32)
     monkeypatch.setattr(images, "MOST_PASSED", 32 * 24 - 1)
-    with pytest.raises(DataError, match="cut short or broken, moves, or is larger"):
+    with pytest.raises(DataError, match="cut short or broken, moves"):
         decode(data, "it")
 
 

@@ -389,6 +389,11 @@ def test_what_no_camera_has_is_refused(tmp_path: Path, change: tuple[str, str], 
         (SCRIPT.replace(str(LENS), "[-0,28, 0,07, 0,0002, 0,00002]"), "whole numbers"),
         (KALIBR.replace("[40, 41, 31.5, 23.5]", "[40,1, 41,1, 31,5, 23,5]"), "decimal commas"),
         (KALIBR.replace("[40, 41, 31.5, 23.5]", "[50, 31.5, 50.1, 23.5]"), "looks like fx, cx, fy, cy"),
+        (KALIBR.replace("[40, 41, 31.5, 23.5]", "[31.6, 23.4, 40, 41]"), "looks like cx, cy, fx, fy"),
+        (KALIBR.replace("[40, 41, 31.5, 23.5]", "[40, 41, 23.4, 31.6]"), "looks like fx, fy, cy, cx"),
+        ("Calibration results\n===\nCamera-system parameters:\ncam0 (/a):\n    type: b\n", "camchain.yaml"),
+        (" Intrinsic of Color\n  Width:  \t64\n  PPX:  \t31.5\n Fx: 40 \n", "RealSense's list; write"),
+        ("fc = [ 40 ; 41 ];\ncc = [ 31.5 ; 23.5 ];\nkc = [ 0 ; 0 ; 0 ];\n", "MATLAB toolbox's; write"),
         ("M1: [1, 2]\nD1: [0]\n", "lacks the key 'intrinsics'.*'M1', 'D1'"),
         ("<calibration><f>40</f></calibration>", "XML of another kind"),
         ('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage>&b;</opencv_storage>', "declarations"),
@@ -406,10 +411,32 @@ def test_texts_are_utf_8_or_say_what_they_are(tmp_path: Path) -> None:
     path = tmp_path / "camera.yaml"
     path.write_bytes(PLAIN.encode("utf-16"))
     assert numbers(load_camera(path)) == RADTAN
-    for data, words in ((gzip.compress(b"a"), "gzip"), (b"a: 1\n# f\xfcr\n", "line 2 is not UTF-8")):
+    for data, words in (
+        (gzip.compress(b"a"), "gzip"),
+        (b"a: 1\n# f\xfcr\n", "line 2 is not UTF-8"),
+        (b"\x93NUMPY\x01\0v\0", "an array of NumPy; write its numbers as text"),
+        (b"MATLAB 5.0 MAT-file\xff", "a file of MATLAB; write"),
+        (b"\x80\x04\x95", "a pickle of Python; write"),
+    ):
         path.write_bytes(data)
         with pytest.raises(DataError, match=words):
             load_camera(path)
+
+
+def test_arrays_of_numpy_are_named(tmp_path: Path) -> None:
+    np.savez(tmp_path / "calib.npz", mtx=np.eye(3))
+    with pytest.raises(DataError, match="arrays of NumPy; write its numbers as text"):
+        load_camera(tmp_path / "calib.npz")
+
+
+def test_numbers_may_stand_by_their_names(tmp_path: Path) -> None:
+    text = (
+        "model: radtan\nresolution: {width: 64, height: 48}\n"
+        "intrinsics: {cy: 23.5, fx: 40, fy: 41, cx: 31.5}\ndistortion: {k1: -0.28, k2: 0.07, p1: 0.0002, p2: 2e-05}\n"
+    )
+    assert numbers(read(tmp_path, text)) == RADTAN
+    with pytest.raises(DataError, match=r"'intrinsics' of .* is not a list of numbers"):
+        read(tmp_path, text.replace("cy: 23.5, ", ""))
 
 
 @pytest.mark.parametrize("name", ["colmap", "pincam", "dso", "xml"])

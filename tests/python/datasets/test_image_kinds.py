@@ -126,3 +126,17 @@ def test_jpegs_by_their_other_names_are_read(tmp_path: Path) -> None:
         (tmp_path / f"0{suffix}").write_bytes(bytes(cv2.imencode(kind, IMAGE)[1]))
     assert len(list_images(tmp_path)) == 3
     assert not set(FOREIGN) & {".png", ".jfif", ".jpe", ".pnm"}
+
+
+def test_images_one_folder_further_in_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "camera.yaml").write_text(CAMERA)
+    (tmp_path / "walk" / "rgb").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "walk" / "rgb" / "0.png"), IMAGE)
+    assert cli.main(["info", str(tmp_path / "walk"), "--camera", str(tmp_path / "camera.yaml")]) == 2
+    assert "Its folder rgb holds images: give one, as" in capsys.readouterr().err
+
+
+def test_samples_that_are_no_whole_numbers_are_told(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "0.tif"), IMAGE.astype(np.float32) / 255.0)
+    with pytest.raises(DataError, match="other samples than whole numbers of 8 or 16 bits"):
+        decode((tmp_path / "0.tif").read_bytes(), "0.tif")

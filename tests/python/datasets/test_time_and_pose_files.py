@@ -320,6 +320,8 @@ TRUE = np.array([pose(k) for k in range(12)])
         [f"{0.05 * k:.3f} " + " ".join(f"{v:.9f}" for v in pose(k)[:3].ravel()) for k in range(12)],
         [f"{0.05 * k:.3f} " + " ".join(f"{v:.9f}" for v in pose(k).ravel()) for k in range(12)],
         ["time,tx,ty,tz,qw,qx,qy,qz"] + [line(0.05 * k, k, "wxyz").replace(" ", ", ") for k in range(12)],
+        ["# kapture format: 1.1", "# timestamp, device_id, qw, qx, qy, qz, tx, ty, tz"]
+        + [f"{k}, cam0, " + ", ".join(columns_turned(k).replace('"', "").split(",")[2:]) for k in range(12)],
     ],
     ids=[
         "tum",
@@ -339,6 +341,7 @@ TRUE = np.array([pose(k) for k in range(12)])
         "stamp and 3x4",
         "stamp and 4x4",
         "named columns",
+        "kapture, whose stamps count frames",
     ],
 )
 def test_poses_of_every_form_are_those_of_the_frames(tmp_path: Path, lines: list[str]) -> None:
