@@ -432,7 +432,8 @@ def test_arrays_of_numpy_are_named(tmp_path: Path) -> None:
 def test_numbers_may_stand_by_their_names(tmp_path: Path) -> None:
     text = (
         "model: radtan\nresolution: {width: 64, height: 48}\n"
-        "intrinsics: {cy: 23.5, fx: 40, fy: 41, cx: 31.5}\ndistortion: {k1: -0.28, k2: 0.07, p1: 0.0002, p2: 2e-05}\n"
+        "intrinsics: {cy: 23.5, fx: 40, fy: 41, cx: 31.5}\n"
+        "distortion: {k1: -0.28, k2: 0.07, p1: 0.0002, p2: 2e-05}\n"
     )
     assert numbers(read(tmp_path, text)) == RADTAN
     with pytest.raises(DataError, match=r"'intrinsics' of .* is not a list of numbers"):
