@@ -72,6 +72,8 @@ def main(arguments: argparse.Namespace) -> int:
         print(line)
     if all(report.agrees for report in reports.values()):
         print("Calibration, poses and time stamps agree with the images, as far as they were checked.")
+    elif all(report.checked and not report.findings for report in reports.values()):
+        print("Nothing that was checked speaks against calibration, poses and time stamps.")
     if gyro is not None and gyro.agrees:
         print("The gyroscope turns as the images do: its mount and its clock fit.")
     if wheels is not None and wheels.agrees:

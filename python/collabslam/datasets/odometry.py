@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Filter
-from collabslam.datasets.gate import data_lines, tell
+from collabslam.datasets.gate import data_lines, leave_columns, tell, text_of
+from collabslam.datasets.pose_columns import twist_columns_of
 from collabslam.datasets.poses import BODY_FROM_OPTICAL, check_position, number_fields
 from collabslam.datasets.units import as_seconds, read_stamps
 from collabslam.errors import DataError, InputError
@@ -90,8 +91,9 @@ def mount_of(t_bc: Array) -> tuple[float, ...]:
 def read_odometry(path: Path, given: OdometryGiven) -> Odometry:
     """Odometry of a text file: stamp, vx vy vz (m/s), wx wy wz (rad/s), and 21 numbers of the covariance.
 
-    Commas or blanks part the fields, ``#`` starts a comment.  The 21 numbers are the lower triangle of the
-    6x6 covariance, row by row; they may be left out where ``given.sd`` says it.
+    Commas or blanks part the fields, ``#`` starts a comment; a header that names the seven columns is
+    believed.  The 21 numbers are the lower triangle of the 6x6 covariance, row by row; they may be left out
+    where ``given.sd`` says it.
 
     Raises
     ------
@@ -99,6 +101,9 @@ def read_odometry(path: Path, given: OdometryGiven) -> Odometry:
         If the file cannot be read or a row is none.
     """
     rows, lines = [], data_lines(path)
+    columns = twist_columns_of(text_of(path), path)
+    if columns is not None:
+        lines = _by_names(lines, columns, path)
     for number, texts in lines:
         where = f"Line {number} of {path}"
         if len(texts) not in (7, 28):
@@ -113,6 +118,20 @@ def read_odometry(path: Path, given: OdometryGiven) -> Odometry:
         raise DataError(f"The file {path} holds no odometry; give one row for each sample.")
     stamps = as_seconds(read_stamps([f[0] for _, f in lines], str(path), lines=[n for n, _ in lines]))
     return of_table(np.column_stack([stamps, np.asarray(rows)]), given.t_bc(), str(path), given.sd)
+
+
+def _by_names(
+    lines: list[tuple[int, list[str]]], columns: list[int], path: Path
+) -> list[tuple[int, list[str]]]:
+    """Lines with the columns that a header names, in our order; 21 of a covariance stay behind them."""
+    if columns == list(range(7)) and all(len(texts) == 28 for _, texts in lines):
+        return lines
+    short = [number for number, texts in lines if len(texts) <= max(columns)]
+    if short:
+        raise DataError(f"Line {short[0]} of {path} has fewer columns than its header names; write it whole.")
+    tell("columns", f"{', '.join(str(k + 1) for k in columns)}: stamp, vx, vy, vz, wx, wy, wz", path)
+    leave_columns([texts for _, texts in lines], 7, f"{path}, beside the columns that are named")
+    return [(number, [texts[k] for k in columns]) for number, texts in lines]
 
 
 def of_table(table: Array, t_bc: Array, where: str, sd: tuple[float, float] | None = None) -> Odometry:
@@ -150,6 +169,28 @@ def checked(
     for t, twist, covariance in zip(times.tolist(), twists, covariances, strict=True):
         _check(twist, covariance, f"The sample at {t} s in {where}", remedy)
     return Odometry(times, twists, covariances, t_bc)
+
+
+def check_covers(odometry: Odometry, frames: Array, where: str) -> None:
+    """Tells how many frames samples come before and after; DataError if it is none: another clock's.
+
+    Parameters
+    ----------
+    odometry : Odometry
+    frames : (M,) array
+        Stamps of the frames, seconds.
+    where : str
+        The file or topic, for messages.
+    """
+    first, last = (float(odometry.times[k]) for k in (0, -1))
+    covered = int(np.sum((frames >= first) & (frames <= last)))
+    if covered == 0:
+        raise DataError(
+            f"The odometry of {where} ({first:.3f} to {last:.3f} s) and the images ({frames[0]:.3f} to "
+            f"{frames[-1]:.3f} s) share no time; give both in the same clock."
+        )
+    if covered < len(frames):
+        tell("odometry", f"covers {covered} of {len(frames)} frames", where)
 
 
 def _check(twist: Array, covariance: Array, which: str, remedy: str) -> None:

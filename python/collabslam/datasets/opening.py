@@ -15,7 +15,7 @@ from collabslam.datasets.images import list_images, single_image
 from collabslam.datasets.imu.beside import GyroGiven, WornGyroGiven, imu_log
 from collabslam.datasets.imu.worn import with_worn_rates
 from collabslam.datasets.masks import masks_beside
-from collabslam.datasets.odometry import OdometryGiven, read_odometry
+from collabslam.datasets.odometry import OdometryGiven, check_covers, read_odometry
 from collabslam.datasets.ordered import DiskRecording, in_order
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.printed_pose import printed_source
@@ -245,7 +245,9 @@ def open_given(path: Path, given: Given) -> DiskRecording:
         recording = replace(recording, truth=truth)
     recording = with_t_cf_turned(recording, given.axes.get("t_cf", "optical"))
     if given.odometry is not None:
-        recording = replace(recording, odometry=_odometry(path, given.odometry))
+        odometry = _odometry(path, given.odometry)
+        check_covers(odometry, recording.times, given.odometry.source)
+        recording = replace(recording, odometry=odometry)
     recording = _with_gyro(path, in_order(recording), given)
     recording = with_worn_rates(recording, path, given.worn_gyro, given.topics)
     recording = replace(recording, masks=masks_beside(recording, given))

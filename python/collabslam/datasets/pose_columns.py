@@ -14,6 +14,9 @@ _STAMP = re.compile(
     r"(?:(?:header|field)_)*(?:time|time_?stamp|stamp|t)(?:_?(?:s|sec|secs|seconds|ns|us|ms))?"
 )
 _QUATERNION = re.compile(r"(?:(?:q|quat|quaternion|orientation|rot|rotation)_?|q_[a-z]+_)([wxyz])")
+_TWIST = r"(?:(?:field|msg|twist)_)*{}_?([xyz])(?:_(?:m_s|rad_s|mps|rps))?"
+_VELOCITY = re.compile(_TWIST.format("(?:v|vel|velocity|linear|linear_velocity)"))
+_RATE = re.compile(_TWIST.format("(?:w|omega|gyro|rate|angular|angular_velocity)"))
 _POSITION = re.compile(r"(?:(?:t|p|pos|position|trans|translation)_?|p_[a-z]+_[a-z]_?)?([xyz])")
 
 
@@ -43,6 +46,28 @@ def columns_of(text: str) -> list[int] | None:
         columns = [column for column in found if column is not None]
         if len(columns) == len(found):
             return columns
+    return None
+
+
+def twist_columns_of(text: str, where: object) -> list[int] | None:
+    """Columns of stamp, vx, vy, vz, wx, wy, wz, where a header of a table names each once; None without one.
+
+    Raises
+    ------
+    DataError
+        If it names some of them alone: nobody knows then which column is which.
+    """
+    for line in text.splitlines()[:HEADER]:
+        names = _names(line)
+        found = [_only(names, pattern, axis) for pattern in (_VELOCITY, _RATE) for axis in "xyz"]
+        columns = [column for column in (_only(names, _STAMP, ""), *found) if column is not None]
+        if len(columns) == 1 + len(found):
+            return columns
+        if any(column is not None for column in found):
+            raise DataError(
+                f"The columns of {where} are '{line.strip()[:60]}'; name stamp, vx, vy, vz, wx, wy, wz, each "
+                "once, or give them in this order without names (0 for what is not there)."
+            )
     return None
 
 

@@ -194,6 +194,8 @@ def _pose_fields(fields: list[str], order: str, further: tuple[int, ...] | None,
     columns = f"stamp, x y z, q{' q'.join(order)}"
     if len(fields) < 8 if further is None else len(fields) - 8 not in further:
         counts = "8" if further is None else " or ".join(str(8 + n) for n in further)
+        behind = [_BEHIND[n] for n in further or () if n in _BEHIND]
+        columns += f", and {' or '.join(behind)}" if behind else ""
         raise DataError(f"{where} has {len(fields)} columns; {counts} are needed: {columns}.")
     values = np.asarray(number_fields(fields[1:] if further is not None else fields[1:8], where))
     if np.isfinite(values).all():
@@ -201,6 +203,10 @@ def _pose_fields(fields: list[str], order: str, further: tuple[int, ...] | None,
             raise DataError(f"{where} holds no unit quaternion; check the order of the columns ({columns}).")
         check_position(values[:3], where)
     return values
+
+
+_BEHIND = {2: "two standard deviations, metres and degrees", 21: "21 numbers of the covariance"}
+"""What further numbers stand behind a pose."""
 
 
 def after_id(lines: list[tuple[int, list[str]]]) -> int:

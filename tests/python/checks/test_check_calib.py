@@ -348,6 +348,7 @@ def test_a_good_recording(
     assert cli.main(["check-calib", "demo"]) == 0
     shown = capsys.readouterr().out
     assert ("agree with the images, as far" in shown) == report.agrees
+    assert ("speaks against" in shown) != report.agrees
     assert "the images cannot confirm it more finely" in shown
 
 
@@ -372,6 +373,7 @@ def test_nothing_to_compare_is_not_fine(
     shown = capsys.readouterr().out
     assert "are not held against the poses" in shown
     assert "agree" not in shown
+    assert "speaks against" not in shown
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.5])

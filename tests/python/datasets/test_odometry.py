@@ -17,6 +17,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from collabslam import DataError, InputError, RecordingWriter, SettingsError, Slam, open_recording, run
 from collabslam.cli import main as cli
 from collabslam.cli.options import mount
+from collabslam.datasets.gate import listening
 from collabslam.datasets.odometry import OdometryGiven, increments, mounted, read_odometry
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.ros.odometry_topic import read_odometry_topic
@@ -180,6 +181,8 @@ def _rows(odometry: Odometry) -> list[tuple[float, np.ndarray]]:
         ("0 1 0 0 0 0 0\n0 1 0 0 0 0 0\n", "does not follow"),
         ("0 1 0 0 0 0 nan\n", "NaN"),
         ("0 1 0 0 0 0 x\n", "not a number"),
+        ("t,vx,vy,wz\n0,1,0,0.1\n", "columns of .* are 't,vx,vy,wz'; name stamp, vx"),
+        ("t,vx,vy,vz,wx,wy,wz\n0,1,0,0,0,0\n", "fewer columns than its header names"),
     ],
 )
 def test_broken_files_are_named(tmp_path: Path, text: str, message: str) -> None:
@@ -187,6 +190,45 @@ def test_broken_files_are_named(tmp_path: Path, text: str, message: str) -> None
     file.write_text(text)
     with pytest.raises(DataError, match=message):
         read_odometry(file, OdometryGiven(str(file), (0.0, 0.0, 0.0), (0.1, 0.1)))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "wx,wy,wz,stamp,vx,vy,vz",
+        "# omega_x omega_y omega_z time v_x v_y v_z",
+        "field.twist.twist.angular.x,field.twist.twist.angular.y,field.twist.twist.angular.z,%time,"
+        "field.twist.twist.linear.x,field.twist.twist.linear.y,field.twist.twist.linear.z",
+    ],
+)
+def test_columns_are_where_their_names_say(tmp_path: Path, header: str) -> None:
+    file = tmp_path / "wheels.csv"
+    rows = "".join(f"{0.1 * k},0.2,0.3,{0.05 * k},1.5,0.4,0.6\n" for k in range(3))
+    file.write_text(f"{header}\n{rows if ',' in header else rows.replace(',', ' ')}")
+    read = read_odometry(file, OdometryGiven(str(file), sd=(0.1, 0.1)))
+    np.testing.assert_allclose(read.times, [0.0, 0.05, 0.1])
+    np.testing.assert_allclose(read.twists, [[1.5, 0.4, 0.6, 0.1 * k, 0.2, 0.3] for k in range(3)])
+    named = tmp_path / "named.csv"
+    named.write_text("t,vx,vy,vz,wx,wy,wz,note\n" + "".join(f"{k},1,2,3,4,5,6,7\n" for k in range(2)))
+    with listening() as facts:
+        again = read_odometry(named, OdometryGiven(str(named), sd=(0.1, 0.1)))
+    np.testing.assert_allclose(again.twists, [[1, 2, 3, 4, 5, 6]] * 2)
+    assert any(fact.what == "passed over" and "column 8" in fact.value for fact in facts)
+
+
+def test_odometry_of_another_clock_is_refused_and_of_a_part_is_told(clip: Clip, tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "walk", clip.recording.camera) as writer:
+        for frame in clip.frames[:4]:
+            writer.add(frame.t, frame.image)
+    file = tmp_path / "wheels.csv"
+    given = OdometryGiven(str(file), sd=(0.1, 0.1))
+    file.write_text("".join(f"{1.7e9 + 0.1 * k:.1f} 1 0 0 0 0 0\n" for k in range(9)))
+    with pytest.raises(DataError, match="share no time; give both in the same clock"):
+        open_recording(tmp_path / "walk", sensors=[given])
+    file.write_text("".join(f"{0.1 * k} 1 0 0 0 0 0\n" for k in range(3)))
+    with listening() as facts:
+        open_recording(tmp_path / "walk", sensors=[given])
+    assert any(fact.value == "covers 3 of 4 frames" for fact in facts)
 
 
 def test_a_recording_keeps_it(clip: Clip, tmp_path: Path) -> None:

@@ -250,7 +250,7 @@ def test_faults_of_two_videos_are_named(videos: Path) -> None:
     poses = videos / "t_cf.csv"
     good = poses.read_text()
     for bad, message in (
-        (good.replace(",0.03,1.0", ",0.03"), "9 columns"),
+        (good.replace(",0.03,1.0", ",0.03"), "9 columns; 10 or 29.*and two standard deviations, metres"),
         (good.replace(",0.03,1.0", ",0,1.0"), "standard deviations"),
         (good.replace(",0.03,1.0", ",0.03,nan"), "not finite"),
         (_later(good), "same clock"),
@@ -260,6 +260,8 @@ def test_faults_of_two_videos_are_named(videos: Path) -> None:
         with pytest.raises(DataError, match=message):
             open_recording(videos)
     poses.write_text(good)
+    (videos / "cam0.mp4").rename(videos / "CAM0.MP4")  # as cameras write it
+    assert len(open_recording(videos)) == 8
     (videos / "cam0.csv").write_text("0.0\n")
     with pytest.raises(DataError, match="1 stamps for 8 frames"):
         open_recording(videos)

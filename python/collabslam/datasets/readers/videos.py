@@ -49,7 +49,10 @@ Pair = Callable[[list[int], list[int], int], Mapping[int, int]]
 
 
 def _video_of(path: Path, name: str) -> Path | None:
-    return next((path / f"{name}{s}" for s in SUFFIXES if (path / f"{name}{s}").is_file()), None)
+    """The video of that name, however its letters are written: cameras write CAM0.MP4."""
+    wanted = [f"{name}{suffix}" for suffix in SUFFIXES]
+    found = [p for p in path.iterdir() if p.name.lower() in wanted and p.is_file()]
+    return min(found, key=lambda p: (wanted.index(p.name.lower()), p.name), default=None)
 
 
 def matches(path: Path) -> bool:
