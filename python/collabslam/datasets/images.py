@@ -31,6 +31,8 @@ MOST_PASSED = 1 << 29
 IMAGE_SUFFIXES = frozenset(
     {".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".pgm", ".ppm", ".pnm", ".bmp", ".tif", ".tiff"}
 )
+_LEAST_SWAPPED, _SMOOTHER = 256.0, 8.0
+"""Step between neighbouring depths that no scene has; how much smaller it is with the bytes in order."""
 _LARGEST = 1 << 28
 """Bytes of an image's file."""
 
@@ -215,7 +217,19 @@ def deep(data: bytes, where: str) -> np.ndarray:
         kind = kind_of(data)
         found = "broken, or not of 16 bits" if kind is None else f"{kind.name}, which is not read"
         raise DataError(f"The depth image {where} is {found}; give 16-bit PNG files.")
+    if (steps := _steps(image)) > _LEAST_SWAPPED and _steps(image.byteswap()) < steps / _SMOOTHER:
+        raise DataError(
+            f"The two bytes of each depth in {where} are exchanged (another program's order of bytes); write "
+            "them again, as array.byteswap()."
+        )
     return image
+
+
+def _steps(depths: np.ndarray) -> float:
+    """Median step from a depth to its neighbour in the row, both measured; 0 where there are none."""
+    one, other = depths[:, :-1], depths[:, 1:]
+    known = (one > 0) & (other > 0)
+    return float(np.median(np.abs(one[known].astype(np.int64) - other[known]))) if known.any() else 0.0
 
 
 def _content(path: Path) -> bytes:

@@ -140,3 +140,17 @@ def test_samples_that_are_no_whole_numbers_are_told(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "0.tif"), IMAGE.astype(np.float32) / 255.0)
     with pytest.raises(DataError, match="other samples than whole numbers of 8 or 16 bits"):
         decode((tmp_path / "0.tif").read_bytes(), "0.tif")
+
+
+def test_depths_whose_bytes_are_exchanged_are_told(tmp_path: Path) -> None:
+    """A floor that falls away, with holes, at 5000 counts a metre; and a wall of one depth."""
+    camera = Camera("pinhole", 64, 48, (40.0, 40.0, 31.5, 23.5))
+    floor = np.linspace(4000, 20000, 48)[:, None] + np.linspace(0, 900, 64) + np.zeros((48, 64))
+    floor[10:20, 5:30] = 0
+    wall = np.full((48, 64), 10000.0)
+    for k, depths in enumerate((floor.astype(np.uint16), wall.astype(np.uint16))):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), depths)
+        np.testing.assert_array_equal(decode_deep(tmp_path / f"{k}.png", camera), depths)
+    cv2.imwrite(str(tmp_path / "swapped.png"), floor.astype(np.uint16).byteswap())
+    with pytest.raises(DataError, match=r"bytes of each depth in .*swapped\.png are exchanged"):
+        decode_deep(tmp_path / "swapped.png", camera)
