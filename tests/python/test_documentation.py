@@ -147,7 +147,8 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with everything that the documentation names: walk, walk.bag, walk.mp4, images, a run."""
     folder = tmp_path_factory.mktemp("docs")
     short = Short(clip, FRAMES)
-    write_recording(short, folder / "walk")
+    for name in ("walk", "other"):
+        write_recording(short, folder / name)
     make_persons(folder / "persons", short)
     make_pair(folder / "pair", short)
     (folder / "camera.yaml").write_text(yaml.safe_dump({**sensor_mapping(short.camera), "rate": 10}))
