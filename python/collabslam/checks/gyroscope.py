@@ -7,7 +7,9 @@ held against what the images say; the usual mistakes are named.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +20,10 @@ from collabslam.checks.mistakes import MirroredCamera
 from collabslam.checks.relative_motion import relative_motion
 from collabslam.checks.samples import spread
 from collabslam.geometry import rotation_log
-from collabslam.types import Array, Imu, ImuLog, Recording
+from collabslam.types import Array, Image, Imu, ImuLog, Recording, worn_cameras
 
-PLACES = 24
+PLACES, WORN_PLACES = 24, 60
+"""Places in a recording that are asked; more of a worn camera, which is not always there."""
 BETWEEN = 0.1, 0.3
 """Seconds from a frame to the two that its turns are told to, at least one and two frames."""
 LEAST_PAIRS = 12
@@ -37,13 +40,18 @@ _DEFAULTS = FilterSettings().imu
 LEAST_SD = np.deg2rad(0.1), 5e-4
 """Standard deviations of mount and clock that no fit to images beats."""
 SURE = 3.0
+_OF_CF = "--worn-imu", "--worn-gyro none"
 SCALE = 0.05
 NEAR = np.deg2rad(10.0)
 """Angle within which a mount is one of those that a mistake makes."""
-_DEGREES = (
-    "The gyroscope's rates are in degrees a second: turned into rad/s (times 0.0174533) they fit the images; "
-    "write them so."
-)
+
+
+class Whose(NamedTuple):
+    """What a gyroscope is called at the beginning of a sentence, and its options."""
+
+    name: str = "The gyroscope"
+    imu: str = "--imu"
+    none: str = "--gyro none"
 
 
 @dataclass(frozen=True)
@@ -82,40 +90,82 @@ class GyroReport:
 def check_gyroscope(recording: Recording) -> GyroReport | None:
     """Hold the gyroscope of a recording against its images; None where it has none."""
     log: ImuLog | None = getattr(recording, "imu", None)
-    if log is None:
-        return None
-    turns = image_turns(recording)
+    return None if log is None else _checked(image_turns(recording), log, Whose())
+
+
+def check_worn_gyroscopes(recording: Recording) -> dict[str, GyroReport]:
+    """The same of each worn camera that has one of its own, by its name; "" is the only one's."""
+    logs: Mapping[str, ImuLog] = getattr(recording, "worn_imu", {})
+    found = {}
+    for name, log in logs.items():
+        whose = Whose(f"The gyroscope of {name}'s Cf" if name else "Cf's gyroscope", *_OF_CF)
+        found[name] = _checked(worn_turns(recording, name), log, whose)
+    return found
+
+
+def _checked(turns: Turns, log: ImuLog, whose: Whose) -> GyroReport:
     count = len(turns.first)
     if count < LEAST_PAIRS:
-        text = f"Only {count} pairs of frames tell how the camera turned: the gyroscope is not checked."
+        text = (
+            f"Only {count} pairs of images tell how the camera turned: {_small(whose.name)} is not checked."
+        )
         return GyroReport(log.sensor, count, notes=[text])
     found = best_fit(turns, log)
     if found is None:
-        text = "The gyroscope's samples and the frames share too little time: it is not checked."
+        text = f"The samples of {_small(whose.name)} and its images share too little time: it is not checked."
         return GyroReport(log.sensor, count, notes=[text])
-    return _judged(turns, log, *found)
+    return _judged(turns, log, *found, whose)
+
+
+def _small(name: str) -> str:
+    return name.replace("The ", "the ", 1)
 
 
 def image_turns(recording: Recording) -> Turns:
     """How the camera turned between pairs of frames, spread over the recording, as far as images tell."""
-    times, model = recording.times, MirroredCamera(recording.camera)
+    times = recording.times
+    model = MirroredCamera(recording.camera)
+    return _turns(times, lambda i: (float(times[i]), recording.image(i)), model, PLACES)
+
+
+def worn_turns(recording: Recording, name: str) -> Turns:
+    """How a worn camera turned between pairs of its views."""
+
+    def view(i: int) -> tuple[float, Image] | None:
+        frame = recording.frame(i)
+        found = next((v for v in frame.views if not name or v.who == name), None)
+        return None if found is None else (frame.t if found.t is None else found.t, found.image)
+
+    return _turns(recording.times, view, MirroredCamera(worn_cameras(recording)[name]), WORN_PLACES)
+
+
+def _turns(
+    times: Array, shot: Callable[[int], tuple[float, Image] | None], model: MirroredCamera, places: int
+) -> Turns:
+    """Of the shots, with their times, that come with frames."""
     rows: list[tuple[float, ...]] = []
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     near, far = (max(least, round(apart / step)) for least, apart in enumerate(BETWEEN, start=1))
-    for i in spread(range(len(recording) - far), PLACES):
-        first = describe(recording.image(i))
+    for i in spread(range(len(times) - far), places):
+        first = shot(i)
+        if first is None:
+            continue
+        points = describe(first[1])
         for k in (i + near, i + far):
-            motion = relative_motion(match_points(first, describe(recording.image(k))), model)
+            second = shot(k)
+            if second is None or not second[0] > first[0]:
+                continue
+            motion = relative_motion(match_points(points, describe(second[1])), model)
             if motion is not None:
-                rows.append((times[i], times[k], *rotation_log(motion.t_ab[:3, :3])))
+                rows.append((first[0], second[0], *rotation_log(motion.t_ab[:3, :3])))
     table = np.asarray(rows, np.float64).reshape(-1, 5)
     return Turns(table[:, 0], table[:, 1], table[:, 2:])
 
 
-def _judged(turns: Turns, log: ImuLog, offset: float, fit: Fit) -> GyroReport:
+def _judged(turns: Turns, log: ImuLog, offset: float, fit: Fit, whose: Whose) -> GyroReport:
     told, count = log.sensor, len(turns.first)
     if fit.turned[0] < LEAST_TURN:
-        text = "The camera hardly turns: nothing tells mount or clock of the gyroscope."
+        text = f"The camera hardly turns: nothing tells mount or clock of {_small(whose.name)}."
         return GyroReport(told, count, notes=[text])
     before = _told_left(turns, log)
     report = GyroReport(log.sensor, count, None, fit, before)
@@ -124,13 +174,16 @@ def _judged(turns: Turns, log: ImuLog, offset: float, fit: Fit) -> GyroReport:
     if misfit or fit.scale < _TINY:
         in_radians = best_fit(turns, replace(log, rates=np.deg2rad(log.rates)))
         if in_radians is not None and in_radians[1].left < CLEAR * fit.left:
-            report.findings.append(_DEGREES)
+            report.findings.append(
+                f"{whose.name} has rates in degrees a second: turned into rad/s (times 0.0174533) they fit "
+                "the images; write them so."
+            )
             return report
     if misfit:
         report.findings.append(
-            "The gyroscope does not turn as the images do, with any mount and clock: of turns of "
+            f"{whose.name} does not turn as the images do, with any mount and clock: of turns of "
             f"{np.rad2deg(turned):.2f} degrees a pair {np.rad2deg(fit.left):.2f} are left; give the log that "
-            "belongs to these images, and leave the gyroscope out until then (--gyro none)."
+            "belongs to these images, and leave the gyroscope out until then ({whose.none})."
         )
         return report
     covariance = fit.left**2 * np.linalg.pinv(fit.information)
@@ -138,16 +191,19 @@ def _judged(turns: Turns, log: ImuLog, offset: float, fit: Fit) -> GyroReport:
     mount_sd, clock_sd = max(float(sd[:3].max()), LEAST_SD[0]), max(float(sd[3]), LEAST_SD[1])
     axis_only = fit.turned[1] < LEAST_TURN
     if axis_only:
-        report.notes.append("The camera turns about one axis alone: nothing tells the mount about it.")
-    mistakes = [] if axis_only else list(_mistakes(fit, told, mount_sd))
+        report.notes.append(
+            "The camera turns about one axis alone: nothing tells the mount of "
+            f"{_small(whose.name)} about it."
+        )
+    mistakes = [] if axis_only else list(_mistakes(fit, told, mount_sd, whose))
     wrong = before is None or fit.left < CLEAR * before
     report.findings.extend(mistakes if wrong or abs(fit.scale - 1.0) > SCALE else [])
     known = _DEFAULTS.time_offset_sd if told.time_offset_sd is None else told.time_offset_sd
     late = offset - told.time_offset
     if abs(late) > SURE * float(np.hypot(clock_sd, known)) and (wrong or not axis_only):
         report.findings.append(
-            f"The gyroscope's clock is off: with {late:+.4f} s added to its stamps its turns fit the images; "
-            f"tell 'timeshift_cam_imu: {-offset:.4f}' in --imu."
+            f"{whose.name} has a clock that is off: with {late:+.4f} s added to its stamps its turns fit the "
+            f"images; tell 'timeshift_cam_imu: {-offset:.4f}' in {whose.imu}."
         )
     proper = float(np.linalg.det(fit.turn)) > 0.0
     if axis_only or not proper:
@@ -166,13 +222,13 @@ def _told_left(turns: Turns, log: ImuLog) -> float | None:
     return unexplained(off, (turns.second - turns.first)[known])
 
 
-def _mistakes(fit: Fit, told: Imu, mount_sd: float) -> list[str]:
+def _mistakes(fit: Fit, told: Imu, mount_sd: float, whose: Whose) -> list[str]:
     """What is wrong with unit and mount, in sentences."""
     out = []
     if abs(fit.scale - 1.0) > SCALE:
         out.append(
-            f"The gyroscope's rates times {fit.scale:.3f} fit the images: their unit is another one, or a "
-            "focal length is wrong (see above)."
+            f"{whose.name} has rates that, times {fit.scale:.3f}, fit the images: their unit is another one, "
+            "or a focal length is wrong (see above)."
         )
     r_ci = np.asarray(told.r_ci, np.float64)
     known = _DEFAULTS.mount_sd if told.mount_sd is None else told.mount_sd
@@ -181,21 +237,21 @@ def _mistakes(fit: Fit, told: Imu, mount_sd: float) -> list[str]:
         return out
     if np.linalg.det(fit.turn) > 0.0 and _angle(fit.turn @ r_ci) < NEAR:
         out.append(
-            "The gyroscope's mount is inverted: its inverse fits the images; T_cam_imu maps points of the "
-            "sensor into the camera."
+            f"{whose.name} has a mount that is inverted: its inverse fits the images; T_cam_imu maps points "
+            "of the sensor into the camera."
         )
         return out
     axes = _axes(r_ci.T @ fit.turn)
     if axes is not None:
-        kind = "have a wrong sign or are exchanged"
         out.append(
-            f"The gyroscope's axes {kind}: what its columns call x, y, z are {axes} of the sensor that was "
-            "told; put the columns in order, or tell the mount that was found (--imu)."
+            f"{whose.name} has axes that have a wrong sign or are exchanged: what its columns call x, y, z "
+            f"are {axes} of the sensor that was told; put the columns in order, or tell the mount that was "
+            f"found ({whose.imu})."
         )
         return out
     out.append(
-        f"The gyroscope sits otherwise: {np.rad2deg(off):.1f} degrees from the mount that was told; give the "
-        "one that was found with --imu ('collabslam init' writes it)."
+        f"{whose.name} sits otherwise: {np.rad2deg(off):.1f} degrees from the mount that was told; give the "
+        f"one that was found with {whose.imu} ('collabslam init' writes it)."
     )
     return out
 

@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Print what was found; the status is 1 where something does not fit, or nothing could be checked."""
     from collabslam.checks.calibration import check_persons
-    from collabslam.checks.gyroscope import check_gyroscope
+    from collabslam.checks.gyroscope import check_gyroscope, check_worn_gyroscopes
     from collabslam.checks.wheels import check_wheels
     from collabslam.errors import SettingsError
     from collabslam.runs.busy import busy
@@ -56,9 +56,10 @@ def main(arguments: argparse.Namespace) -> int:
         reports = check_persons(recording, tell)
         tell("turns of the images beside the gyroscope's")
         gyro = check_gyroscope(recording)
+        worn_gyros = check_worn_gyroscopes(recording)
         tell("motion of the images beside the odometry's")
         wheels = check_wheels(recording)
-    beside = [report for report in (gyro, wheels) if report is not None]
+    beside = [report for report in (gyro, *worn_gyros.values(), wheels) if report is not None]
     print(recording.name)
     first = next(iter(reports.values()))
     rows = _robot_rows(first)
@@ -66,7 +67,10 @@ def main(arguments: argparse.Namespace) -> int:
         rows += [
             [f"{label}, {name}" if len(reports) > 1 else label, text] for label, text in _worn_rows(report)
         ]
-    print(text_table([*rows, *_gyro_rows(gyro), *_wheels_rows(wheels)]))
+    rows += _gyro_rows(gyro)
+    for name, found in worn_gyros.items():
+        rows += [[f"{label}, {name or 'Cf'}", text] for label, text in _gyro_rows(found)]
+    print(text_table([*rows, *_wheels_rows(wheels)]))
     said = [line for report in beside for line in report.findings + report.notes]
     for line in [*_sentences(reports), *said]:
         print(line)
@@ -76,6 +80,8 @@ def main(arguments: argparse.Namespace) -> int:
         print("Nothing that was checked speaks against calibration, poses and time stamps.")
     if gyro is not None and gyro.agrees:
         print("The gyroscope turns as the images do: its mount and its clock fit.")
+    for name in (name for name, found in worn_gyros.items() if found.agrees):
+        print(f"The gyroscope of {name or 'Cf'} turns as its views do: its mount and its clock fit.")
     if wheels is not None and wheels.agrees:
         print("The odometry moves as the images do: where Cs sits on the robot fits.")
     written = arguments.write is None or _write(recording, arguments.write, "".join(names))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,15 +14,23 @@ from helpers.gyro import BIAS, R_CI, Turned
 
 from collabslam import RecordingWriter
 from collabslam.checks import gyroscope
+from collabslam.checks.calibration import CalibrationReport
 from collabslam.checks.gyro_fit import Integrated, Turns
-from collabslam.checks.gyroscope import GyroReport, check_gyroscope, image_turns
+from collabslam.checks.gyroscope import (
+    GyroReport,
+    check_gyroscope,
+    check_worn_gyroscopes,
+    image_turns,
+    worn_turns,
+)
 from collabslam.checks.matching import Matches
 from collabslam.checks.mistakes import MirroredCamera
 from collabslam.checks.relative_motion import relative_motion
 from collabslam.checks.wheels import PARALLAX
 from collabslam.cli import main as cli
+from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.geometry import pose_inverse, rotation_exp, rotation_log, se3_exp
-from collabslam.types import Array, Imu, ImuLog
+from collabslam.types import Array, Frame, Imu, ImuLog
 
 RATE = 200.0
 TIMES = np.arange(0.0, 20.0, 1.0 / RATE)
@@ -87,7 +96,7 @@ def test_mount_clock_and_bias_are_found(monkeypatch: pytest.MonkeyPatch, late: f
     assert report.fit.scale == pytest.approx(1.0, abs=0.01)
     text = " ".join(report.findings)
     assert "sits otherwise: 17" in text
-    assert ("clock is off" in text) == (late != 0.0)
+    assert ("clock that is off" in text) == (late != 0.0)
     if late:
         assert f"timeshift_cam_imu: {report.sensor.time_offset * -1.0:.4f}" in text
 
@@ -107,8 +116,8 @@ ORDER = np.eye(3)[[1, 2, 0]]
     ("change", "sensor", "message"),
     [
         (np.rad2deg(1.0) * np.eye(3), Imu(R_CI), "in degrees a second.*0.0174533"),
-        (1.3 * np.eye(3), Imu(R_CI), r"times 0\.7\d+ fit the images"),
-        (np.eye(3), Imu(R_CI.T), "mount is inverted"),
+        (1.3 * np.eye(3), Imu(R_CI), r"times 0\.7\d+, fit the images"),
+        (np.eye(3), Imu(R_CI.T), "mount that is inverted"),
         (np.diag([1.0, -1.0, 1.0]), Imu(R_CI), "x, -y, z of the sensor"),
         (-np.eye(3), Imu(R_CI), "-x, -y, -z of the sensor"),
         (np.eye(3)[[2, 1, 0]], Imu(R_CI), "z, y, x of the sensor"),
@@ -200,7 +209,7 @@ def test_the_commands_say_so(
     assert cli.main(["check-calib", str(tmp_path / "walk")]) == 1
     said = capsys.readouterr().out
     assert re.search(r"added to its stamps +-0\.(09|10)", said)
-    assert "The gyroscope's clock is off: with -0." in said
+    assert "The gyroscope has a clock that is off: with -0." in said
     assert "The gyroscope turns as the images do" not in said
     # What init writes fits.
     assert cli.main(["init", str(tmp_path / "walk"), "--out", str(tmp_path / "new")]) == 0
@@ -210,3 +219,67 @@ def test_the_commands_say_so(
     assert "The gyroscope turns as the images do" in capsys.readouterr().out
     assert cli.main(["check-calib", str(tmp_path / "walk"), "--gyro", "none"]) == 1  # nothing else is known
     assert "gyroscope" not in capsys.readouterr().out
+
+
+class Worn(WrappedRecording):
+    """The clip, whose views come a little after their frames."""
+
+    LATE = 0.01
+
+    def __init__(self, clip: Clip, log: ImuLog | None = None) -> None:
+        super().__init__(clip.recording)
+        self.times, self._frames = self.times[: len(clip.frames)], clip.frames
+        self.worn_imu = {} if log is None else {"": log}
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def frame(self, i: int) -> Frame:
+        frame = self._frames[i]
+        return replace(frame, views=tuple(replace(v, t=frame.t + self.LATE) for v in frame.views))
+
+
+@pytest.mark.slow
+def test_views_tell_how_the_worn_camera_turned(clip: Clip) -> None:
+    found = worn_turns(Worn(clip), "")
+    assert len(found.first) > 12
+    person = clip.recording.person
+    true = [
+        rotation_log(person(a - Worn.LATE)[:3, :3].T @ person(b - Worn.LATE)[:3, :3])
+        for a, b in zip(found.first, found.second, strict=True)
+    ]
+    assert np.rad2deg(np.median(np.linalg.norm(found.vectors - true, axis=1))) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("sensor", "said"),
+    [
+        (Imu(R_CI), None),
+        (Imu(R_CI.T), "Cf's gyroscope has a mount that is inverted"),
+        (Imu(rotation_exp([0.0, 0.0, 0.8]) @ R_CI), "Cf's gyroscope sits otherwise.*--worn-imu"),
+        (Imu(R_CI, time_offset=0.1), "Cf's gyroscope has a clock that is off.*--worn-imu"),
+    ],
+)
+def test_a_worn_cameras_own_gyroscope_is_checked(
+    clip: Clip,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    sensor: Imu,
+    said: str | None,
+) -> None:
+    monkeypatch.setattr(gyroscope, "worn_turns", lambda *_: turns())
+    worn = Worn(clip, log_of(sensed(), sensor))
+    found = check_worn_gyroscopes(worn)
+    assert found[""].agrees == (said is None)
+    assert said is None or re.search(said, found[""].findings[0])
+    assert check_worn_gyroscopes(Worn(clip)) == {}
+    source = SimpleNamespace(open=lambda: worn)
+    monkeypatch.setattr("collabslam.cli.options.source_with_worn", lambda _: source)
+    for part in ("check_persons", "check_wheels"):
+        module = "calibration" if part == "check_persons" else "wheels"
+        answer = {"": CalibrationReport()} if part == "check_persons" else None
+        monkeypatch.setattr(f"collabslam.checks.{module}.{part}", lambda *_, answer=answer: answer)
+    assert cli.main(["check-calib", "walk"]) == (0 if said is None else 1)
+    shown = capsys.readouterr().out
+    assert ("The gyroscope of Cf turns as its views do" in shown) == (said is None)
+    assert re.search(r"pairs without the gyroscope's, Cf +\d", shown)
