@@ -1515,6 +1515,23 @@ class Filter:
         InputError
             Saying why it cannot.
         """
+    def doubt_length(self, who: int, sd: float) -> None:
+        """Takes it that all lengths of T_CF of a worn camera may be off, for good (METHOD 22).
+
+        So may what is in view, which follows them.  It is told in covariances; the estimate stays as it is.
+
+        Parameters
+        ----------
+        who : int
+            The worn camera's number.
+        sd : float
+            Standard deviation of the logarithm of its lengths, from 0 to 1; less than before says nothing.
+
+        Raises
+        ------
+        InputError
+            For an unknown worn camera, or no such number.
+        """
     @staticmethod
     def check_depths(depth: ArrayLike, sigma: ArrayLike) -> None:
         """Checks that depths can be measured.
@@ -2719,6 +2736,12 @@ class WornSettings:
         """Share of T_CF's stated variance that lasts (Gauss-Markov, along the axes of Cs) and is
         another error in each overlap, where the worn view itself does not say which part of its
         covariance lasts; the rest is white noise.
+        """
+    @property
+    def length_sd(self) -> float:
+        """Standard deviation of the logarithm of T_CF's lengths, an error for good, where the worn
+        view itself says which part of its covariance lasts and that part is less: no device knows
+        its scale better (METHOD 6).
         """
     @property
     def bias_time(self) -> float:

@@ -39,6 +39,7 @@ pub(crate) mod filter {
         mod bias;
         mod clock;
         mod late_views;
+        mod length;
         mod persons;
         mod roll;
     }

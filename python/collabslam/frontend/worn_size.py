@@ -26,6 +26,10 @@ LAST_VIEWS, _LEAST_VIEWS = 7, 3
 """Views that together speak for a run: most of the last ones, that many at least."""
 WINDOWS = (7, 15, 30)
 """Last views whose lengths are asked together: a change shows in few, one that creeps in many."""
+CHANGES = (2, 4)
+"""Last views whose lengths are held against those before."""
+_LIMIT = chi2_quantile(1.0 - (1.0 - SURE_LEVEL) / (len(WINDOWS) + len(CHANGES)), 1)
+"""Square, in variances, of what no length is off by."""
 LEAST_TOLD = 0.1
 """Share of the variance of |t_CF| of which a view tells too little to count."""
 
@@ -61,20 +65,48 @@ def contradicted_size(against: Array) -> bool:
     return len(told) >= _LEAST_VIEWS and bool(np.mean(told > 1.0) > 0.5)
 
 
-def contradicted_length(lengths: Array) -> bool:
-    """Whether |t_CF| is off the same way in the last views, more than errors within its covariance are.
+def changed_length(lengths: Array, time: float) -> float:
+    """By how much |t_CF| has changed against the map, or that against it: of its logarithm, 0 for none.
+
+    It has where it is off the same way in the last views, or off otherwise in them than in those before, more
+    than errors within its covariance are.
 
     Parameters
     ----------
-    lengths : (N, 4) float64
+    lengths : (N, 6) float64
         Of each view: error of |t_CF| as the update finds it, in standard deviations; share of its variance
         that the update took away, which is the variance of the first number; what errors of the map that last
-        add to that, which all views have in common; share of T_CF's own variance that lasts.
+        add to that, which all views have in common; share of T_CF's own variance that lasts; its standard
+        deviation over |t_CF|; its time, seconds.
+    time : float
+        How long what lasts of T_CF's error does, seconds (``filter.worn.bias_time``).
     """
-    limit = chi2_quantile(1.0 - (1.0 - SURE_LEVEL) / len(WINDOWS), 1)
-    for count in WINDOWS:
-        error, told, of_map, lasting = lengths[-count:].T
-        own = told.sum() * (1.0 + (len(error) - 1) * lasting.mean()) if len(error) >= count else 0.0
-        if own > 0.0 and error.sum() ** 2 > limit * (own + np.sqrt(of_map).sum() ** 2):
-            return True
-    return False
+    changes = [_off(lengths[-count:]) for count in WINDOWS if len(lengths) >= count]
+    for count in CHANGES:
+        before = lengths[-count - max(WINDOWS) : -count]
+        if len(before) >= LEAST:
+            changes.append(_otherwise(before, lengths[-count:], time))
+    return max(changes, default=0.0)
+
+
+def _off(views: Array) -> float:
+    """By how much views are off together, if more than their errors allow."""
+    error, told, of_map, lasting, sd, _ = views.T
+    own = told.sum() * (1.0 + (len(error) - 1) * lasting.mean())
+    allowed = own + np.sqrt(of_map).sum() ** 2
+    return float(abs(error.sum()) / (told / sd).sum()) if error.sum() ** 2 > _LIMIT * allowed else 0.0
+
+
+def _otherwise(before: Array, now: Array, time: float) -> float:
+    """By how much views are off otherwise than those before, if more than their errors allow.
+
+    What both have in common cancels; of what lasts, what has gone meanwhile is in the difference twice.
+    """
+    error, told, of_map, lasting, sd, at = now.T
+    told_before, common = np.concatenate([told, before[:, 1]]).mean(), np.sqrt(of_map)
+    gone = 1.0 - np.exp(-(at.mean() - before[:, 5].mean()) / time)
+    own = told_before * (1.0 / len(now) + 1.0 / len(before) + 2.0 * lasting.mean() * gone)
+    common_before = np.sqrt(before[:, 2]).mean()
+    maps = (common.mean() - common_before) ** 2 + 2.0 * gone * common.mean() * common_before
+    off = abs(error.mean() - before[:, 0].mean())
+    return float(off / (told / sd).mean()) if off**2 > _LIMIT * (own + maps) else 0.0

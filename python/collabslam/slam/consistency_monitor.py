@@ -163,8 +163,8 @@ class ConsistencyMonitor(PersistentState):
                 if seen is first and seen.given is seen.worn:
                     error, of_map = report.worn_error, report.worn_error_of_map
                     moved = _last(moved, seen.moved(error, of_map, self._bias_share), _LAST)
-                    length = seen.length(error, report.worn_error_covariance, of_map)
-                    self._size.take_length(number, *length, seen.lasting(self._bias_share))
+                    left = report.worn_error_covariance
+                    self._size.take_length(number, seen.length(error, left, of_map, self._bias_share))
             worn[number] = known | {"matches": matches, "moved": moved, "without": without}
         self._worn = worn
 

@@ -115,7 +115,7 @@ class Parts:
         self.seen_through = SeenThrough(core, camera, self.tracks, self.worn, self.wearers, settings)
         self.view_planner = ViewPlanner(core, self.monitor, options.worn.min_matches)
         self.map = MapManager(core, settings, self.printed, self.start)
-        self.size = MapSize(core, self.usual_speed)
+        self.size = MapSize(core, self.usual_speed, settings.filter.worn.bias_time)
         self.submaps = Submaps(core, camera, settings.filter.pixel.sigma_cs, options, self.mask)
         self.relocaliser = Relocaliser(core, camera, self.tracks, options)
         self.known = KnownSubmaps(camera, self.relocaliser, self.submaps, options)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collabslam.frontend.worn_size import LEAST, ask_size, contradicted_length, contradicted_size
+from collabslam.frontend.worn_size import LEAST, ask_size, changed_length, contradicted_size
 
 SD = np.full(12, 0.05)
 
@@ -51,31 +51,59 @@ def test_a_run_is_degraded_by_most_of_its_last_views() -> None:
         assert contradicted_size(np.array(views)) is degraded, views
 
 
+TIME, SD_OF_LOG = 10.0, 0.03
+"""How long what lasts of T_CF's error does, seconds, and the standard deviation of a length's logarithm."""
+
+
 def lengths(
-    told: float, lasting: float, seed: int, off: float = 0.0, views: int = 30, of_map: float = 0.0
+    told: float,
+    lasting: float,
+    seed: int,
+    off: float = 0.0,
+    views: int = 45,
+    of_map: float = 0.0,
+    since: int = 0,
 ) -> np.ndarray:
-    """Errors of |t_CF| of views, of which a share of the variance lasts, as an update finds them."""
+    """Errors of |t_CF| of four views a second, a share of whose variance lasts, as an update finds them.
+
+    From the view ``since`` on they are ``off`` by so many standard deviations.
+    """
     rng = np.random.default_rng(seed)
     error = np.sqrt(lasting) * rng.standard_normal() + np.sqrt(1 - lasting) * rng.standard_normal(views)
-    error = np.sqrt(told) * (error + off) + np.sqrt(of_map) * rng.standard_normal()
-    return np.column_stack([error, *(np.full(views, share) for share in (told, of_map, lasting))])
+    error = error + off * (np.arange(views) >= since)
+    error = np.sqrt(told) * error + np.sqrt(of_map) * rng.standard_normal()
+    shares = (np.full(views, share) for share in (told, of_map, lasting, SD_OF_LOG))
+    return np.column_stack([error, *shares, 0.25 * np.arange(views)])
 
 
-def test_lengths_within_their_covariance_contradict_nothing() -> None:
+def changes(count: int, *args: float, **kwargs: float) -> np.ndarray:
+    """By how much lengths are found to have changed, of many draws."""
+    return np.array([changed_length(lengths(*args, seed, **kwargs), TIME) for seed in range(count)])  # type: ignore[arg-type]
+
+
+def test_lengths_within_their_covariance_have_not_changed() -> None:
     for told, lasting in ((1.0, 0.0), (0.4, 0.0), (0.8, 0.9), (0.8, 1.0)):
-        assert not any(contradicted_length(lengths(told, lasting, seed)) for seed in range(300))
-    assert not any(contradicted_length(lengths(0.8, 0.0, seed, of_map=0.4)) for seed in range(300))
+        assert not changes(300, told, lasting).any()
+    assert not changes(300, 0.8, 0.0, of_map=0.4).any()
 
 
-def test_lengths_that_are_all_off_the_same_way_do() -> None:
+def test_lengths_that_are_all_off_the_same_way_have() -> None:
     """By 1.5 sigma in each of thirty views, where no error lasts; by what no lasting one is, where all do."""
-    assert all(contradicted_length(lengths(0.8, 0.0, seed, off=1.5)) for seed in range(50))
-    assert all(contradicted_length(lengths(0.8, 0.0, seed, off=-1.5)) for seed in range(50))
-    assert not any(contradicted_length(lengths(0.8, 0.9, seed, off=1.0)) for seed in range(50))
-    assert all(contradicted_length(lengths(0.8, 0.9, seed, off=8.0)) for seed in range(50))
+    for off in (1.5, -1.5):
+        told = changes(50, 0.8, 0.0, off=off)
+        assert told.all()
+        # The gain of an update is the share of the variance that it takes away.
+        np.testing.assert_allclose(np.median(told), 1.5 * SD_OF_LOG / np.sqrt(0.8), rtol=0.3)
+    assert not changes(50, 0.8, 0.9, off=1.0).any()
+    assert changes(50, 0.8, 0.9, off=8.0).all()
 
 
-def test_a_length_that_no_view_tells_says_nothing() -> None:
-    assert not contradicted_length(np.empty((0, 4)))
-    assert not contradicted_length(np.array([[9.0, 0.9, 0.0, 0.0]] * 6))
-    assert not contradicted_length(np.zeros((30, 4)))
+def test_lengths_that_jump_have_within_a_few_views_whatever_lasts() -> None:
+    for lasting in (0.0, 0.9):
+        assert changes(50, 0.5, lasting, off=10.0, views=42, since=40).all()
+        assert not changes(50, 0.5, lasting, off=10.0, views=42, since=42).any()
+
+
+def test_a_length_that_no_view_tells_has_not_changed() -> None:
+    assert changed_length(np.empty((0, 6)), TIME) == 0.0
+    assert changed_length(np.array([[9.0, 0.9, 0.0, 0.0, 0.03, 0.0]] * 6), TIME) == 0.0

@@ -115,7 +115,7 @@ impl Filter {
         if let Some(worn) = z.first_view() {
             report.worn_error = self.memory.state.worn_error(worn.who);
             report.worn_error_covariance = self.worn_covariance(worn);
-            report.worn_error_of_map = self.worn_error_of_map(worn);
+            report.worn_error_of_map = self.worn_error_of_map(worn, compensated);
         }
         if self.memory.started {
             let poses = used

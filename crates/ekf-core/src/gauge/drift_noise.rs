@@ -3,7 +3,7 @@
 use super::directions::{SCALE, directions};
 use super::{Gauge, carried_blocks, refill};
 use crate::state::{Block, BlockKind, CAMERA_DIM, State};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::Vector3;
 
 /// Three turns, three translations and the scale.
 const MOTIONS: usize = 7;
@@ -21,16 +21,15 @@ pub(crate) struct DriftNoise {
 }
 
 impl Gauge {
-    /// Adds the covariance of map drift noise of the camera, its clones and the features `followed` that were born with the id `free`
-    /// or a later one, O(n^2); where a submap began is out of view. What they are to each other is as certain as before.
-    pub(crate) fn add_drift_noise(
+    /// Error modes of map drift noise of the camera, its clones and the features `followed` that were born with the id `free` or a
+    /// later one; where a submap began is out of view. What they are to each other is as certain as before.
+    pub(crate) fn drift_noise(
         &mut self,
-        state: &mut State,
+        state: &State,
         noise: &DriftNoise,
         followed: &[u64],
         free: u64,
-        outside: impl FnOnce(&State, &Block) -> DMatrix<f64>,
-    ) {
+    ) -> &[f64] {
         let (n, rows) = (state.p.stored().n, state.x.len());
         directions(&state.x, &state.layout, &mut self.from);
         self.from.resize(MOTIONS * rows, 0.0);
@@ -72,6 +71,6 @@ impl Gauge {
                 self.stored[(TRANSLATION + k) * n + slot] = noise.translation * shift;
             }
         }
-        state.add_error_modes(&self.stored, outside);
+        &self.stored
     }
 }

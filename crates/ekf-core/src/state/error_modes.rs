@@ -10,7 +10,7 @@
 use super::{Block, BlockKind, CAMERA_DIM, State};
 use crate::kernel::{Panels, Product};
 use crate::math::pose::tangent_map;
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, Vector6};
 use std::ops::Range;
 
 /// Most error modes at a time.
@@ -139,6 +139,24 @@ impl State {
             state: self,
             modes: self.error_modes().map_or(0..0, |block| block.range()),
         }
+    }
+
+    /// Covariance of the change that the error modes made in six numbers of the state, at `offset`, which `before` had the part of one
+    /// number in it that stays, given with its derivative.
+    pub(crate) fn put_by_modes(
+        &self,
+        offset: usize,
+        before: Option<(usize, Vector6<f64>)>,
+    ) -> Matrix6<f64> {
+        let mut sum = Matrix6::zeros();
+        for k in self.error_modes().map_or(0..0, |block| block.range()) {
+            let mut put = Vector6::from_fn(|i, _| self.p.get(offset + i, k));
+            if let Some((number, by)) = before {
+                put -= by * self.p.get(number, k);
+            }
+            sum += put * put.transpose();
+        }
+        sum
     }
 
     /// The state with the covariance that is told, and without error modes.

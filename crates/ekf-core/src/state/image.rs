@@ -108,7 +108,7 @@ impl State {
             let is_auxiliary = matches!(kind, BlockKind::Auxiliary(_));
             let again = |b: &Block| match kind {
                 BlockKind::Submap(_) => matches!(b.kind, BlockKind::Submap(_)),
-                BlockKind::WornBias(_) => b.kind == kind,
+                BlockKind::WornBias(_) | BlockKind::WornLength(_) => b.kind == kind,
                 _ => false,
             };
             if matches!(kind, BlockKind::WornError(_) | BlockKind::WornRoll(_))

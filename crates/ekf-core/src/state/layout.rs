@@ -37,6 +37,8 @@ pub enum BlockKind {
     Readout,
     /// By how much a worn camera's images were taken after their stamps, by the clock of Cs, seconds, 1 number.
     WornClock(usize),
+    /// The logarithm of a worn camera's lengths, as they were told over as they are, 1 number.
+    WornLength(usize),
     /// The errors of the odometry's scales, of translation and of turns, relative, 2 numbers.
     OdometryScale,
     /// The gyroscope's bias, along its axes, rad/s, 3 numbers.
@@ -79,7 +81,7 @@ impl BlockKind {
             Self::Submap(transferred) => POSE_DIM.saturating_add(transferred),
             Self::Auxiliary(rows) | Self::ErrorModes(rows) => rows,
             Self::Feature => FEATURE_DIM,
-            Self::Readout | Self::WornClock(_) | Self::GyroClock => 1,
+            Self::Readout | Self::WornClock(_) | Self::WornLength(_) | Self::GyroClock => 1,
             Self::OdometryScale => 2,
             Self::GyroBias => 3,
             Self::GyroFrame => 4,
@@ -102,6 +104,7 @@ impl BlockKind {
             | Self::Calibration
             | Self::Readout
             | Self::WornClock(_)
+            | Self::WornLength(_)
             | Self::OdometryScale
             | Self::GyroBias
             | Self::GyroFrame
@@ -121,6 +124,7 @@ impl BlockKind {
                 | Self::Calibration
                 | Self::Readout
                 | Self::WornClock(_)
+                | Self::WornLength(_)
                 | Self::OdometryScale
                 | Self::GyroBias
                 | Self::GyroFrame
@@ -135,6 +139,7 @@ impl BlockKind {
             Self::WornBias(_)
                 | Self::Calibration
                 | Self::WornClock(_)
+                | Self::WornLength(_)
                 | Self::GyroFrame
                 | Self::GyroClock
         )
@@ -149,6 +154,7 @@ impl BlockKind {
             Self::Calibration => "Calibration",
             Self::Readout => "Readout",
             Self::WornClock(_) => "WornClock",
+            Self::WornLength(_) => "WornLength",
             Self::OdometryScale => "OdometryScale",
             Self::GyroBias => "GyroBias",
             Self::GyroFrame => "GyroFrame",

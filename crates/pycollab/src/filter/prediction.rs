@@ -288,6 +288,25 @@ impl PyFilter {
         self.read(py, |f| f.check_worn(&t_cf, &covariance, bias.as_ref(), who))
     }
 
+    /// Takes it that all lengths of T_CF of a worn camera may be off, for good (METHOD 22).
+    ///
+    /// So may what is in view, which follows them.  It is told in covariances; the estimate stays as it is.
+    ///
+    /// Parameters
+    /// ----------
+    /// who : int
+    ///     The worn camera's number.
+    /// sd : float
+    ///     Standard deviation of the logarithm of its lengths, from 0 to 1; less than before says nothing.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For an unknown worn camera, or no such number.
+    fn doubt_length(&self, py: Python<'_>, who: usize, sd: f64) -> PyResult<()> {
+        self.write(py, |f| f.doubt_length(who, sd))
+    }
+
     /// Checks that depths can be measured.
     ///
     /// Parameters

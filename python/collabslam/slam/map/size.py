@@ -10,10 +10,11 @@ import numpy as np
 from collabslam._core import Filter
 from collabslam.formats.schema import Check, array, flag, optional, pose, table
 from collabslam.frontend.worn_size import (
+    CHANGES,
     LAST_VIEWS,
     LEAST_TOLD,
     WINDOWS,
-    contradicted_length,
+    changed_length,
     contradicted_size,
 )
 from collabslam.slam.state import PersistentState
@@ -32,6 +33,8 @@ class MapSize(PersistentState):
     ----------
     core : Filter
     usual_speed : UsualSpeed
+    bias_time : float
+        How long what lasts of T_CF's error does, seconds.
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
@@ -39,11 +42,11 @@ class MapSize(PersistentState):
         "_confirmed": optional(pose),
         "_anew": flag,
         "_speeds": optional(array("<f8", None)),
-        "_lengths": table(int, array("<f8", None, 4)),
+        "_lengths": table(int, array("<f8", None, 6)),
     }
 
-    def __init__(self, core: Filter, usual_speed: UsualSpeed) -> None:
-        self._filter, self._usual = core, usual_speed
+    def __init__(self, core: Filter, usual_speed: UsualSpeed, bias_time: float) -> None:
+        self._filter, self._usual, self._bias_time = core, usual_speed, bias_time
         self._told = np.empty(0)
         self._confirmed: Array | None = None
         self._anew = False
@@ -63,16 +66,21 @@ class MapSize(PersistentState):
             if len(self._speeds) == _CONFIRMING and self._usual.is_usual(float(np.median(self._speeds))):
                 self._anew = False
 
-    def take_length(self, number: int, error: float, told: float, of_map: float, lasting: float) -> None:
-        """Takes in what a worn camera's view was found to say of |t_CF| (`contradicted_length`).
+    def take_length(self, number: int, length: Array) -> None:
+        """Takes in what a worn camera's view was found to say of |t_CF|, (6,) as `changed_length` says.
 
-        A view that tells hardly anything of it does not count: a single one that does would stand for all.
+        Which of both has changed nothing tells, so that the camera's lengths and what is in view are in doubt
+        by as much from now on.  A view that tells hardly anything of it does not count: a single one that
+        does would stand for all.
         """
-        if told < LEAST_TOLD:
+        if length[1] < LEAST_TOLD:
             return
-        known = self._lengths.get(number, np.empty((0, 4)))
-        rows = np.vstack([known, [error, told, of_map, lasting]])
-        self._lengths = self._lengths | {number: rows[-max(WINDOWS) :]}
+        known = self._lengths.get(number, np.empty((0, 6)))
+        rows = np.vstack([known, length])[-(max(WINDOWS) + max(CHANGES)) :]
+        self._lengths = self._lengths | {number: rows}
+        changed = changed_length(rows, self._bias_time)
+        if changed > 0.0:
+            self._filter.doubt_length(number, min(changed, 1.0))
 
     @property
     def contradicted(self) -> bool:
@@ -84,10 +92,8 @@ class MapSize(PersistentState):
         """Whether they do, or the map was begun because they did: by T_CF, which may as well be wrong.
 
         Not once the camera is known to go in it as it mostly does, and not to have done so in the one before.
-        So it is while T_CF's lengths have changed: the map follows them, and its parts differ in size.
         """
-        changed = any(contradicted_length(rows) for rows in self._lengths.values())
-        return self.contradicted or self._anew or changed
+        return self.contradicted or self._anew
 
     def gone(self, t_wc: Array) -> Array:
         """Way (3,) in W since it was last confirmed, metres, from a pose of Cs (4, 4)."""

@@ -114,17 +114,22 @@ class Overlap:
         maps = float(np.mean(np.diag(of_map) / np.diag(whole)))
         return float(error @ np.linalg.solve(whole, error)), maps + (1.0 - maps) * self.lasting(bias_share)
 
-    def length(self, error: Array, left: Array, of_map: Array) -> tuple[float, float, float]:
-        """What an ``error`` (6,) of T_CF is along the baseline, in standard deviations; the share of that
-        variance that is not in the covariance ``left`` (6, 6); and ``of_map`` (6, 6) as a share of it."""
+    def length(self, error: Array, left: Array, of_map: Array, bias_share: float) -> Array:
+        """What the view says of |t_CF|, (6,) as `collabslam.frontend.worn_size.changed_length` takes it.
+
+        By an ``error`` (6,) of T_CF, the covariance ``left`` (6, 6) of what that may still be off by, and the
+        one ``of_map`` (6, 6) of what the map's own errors put into it.
+        """
         t_cf = self.given.t_cf
         along = t_cf[:3, :3].T @ t_cf[:3, 3]  # the error is along the axes of F
         covariances = (self.given.covariance, left, of_map)
         stated, is_left, maps = (float(along @ c[:3, :3] @ along) for c in covariances)
         if stated <= 0.0:  # no baseline
-            return 0.0, 0.0, 0.0
+            return np.zeros(6)
+        sd = np.sqrt(stated)
         told, of_map_told = max(1.0 - is_left / stated, 0.0), max(maps / stated, 0.0)  # but for rounding
-        return float(along @ error[:3]) / np.sqrt(stated), told, of_map_told
+        off = float(along @ error[:3]) / sd
+        return np.array([off, told, of_map_told, self.lasting(bias_share), sd / (along @ along), self.taken])
 
     def births(self, outcomes: MeasurementOutcomes, t: float) -> tuple[ImagePoints, Ids]:
         """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""

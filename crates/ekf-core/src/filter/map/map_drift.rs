@@ -12,8 +12,7 @@ use crate::gauge::DriftNoise;
 use crate::math::quat;
 use crate::nis_accumulator::NisAccumulator;
 use crate::observe::point::CameraPose;
-use crate::state::{Block, State};
-use nalgebra::DMatrix;
+use crate::state::State;
 
 /// Variance of a patch's pixel where camera and scene are as the model says, px^2: what images that were rendered without
 /// any error leave (0.12 to 0.14).
@@ -52,20 +51,10 @@ impl Filter {
                 translation: angle * range,
                 scale: angle,
             };
-            let outside = self.memory.outside.as_ref();
-            let modes_outside = |state: &State, modes: &Block| match outside {
-                Some(outside) => outside.modes_of_some(state, modes),
-                None => DMatrix::zeros(modes.kind.dim(), modes.kind.dim()),
-            };
-            let known = self.memory.map_transfer.known;
+            let (state, known) = (&self.memory.state, self.memory.map_transfer.known);
             let gauge = &mut self.workspace.gauge;
-            gauge.add_drift_noise(
-                &mut self.memory.state,
-                &noise,
-                followed,
-                known,
-                modes_outside,
-            );
+            let modes = gauge.drift_noise(state, &noise, followed, known);
+            self.memory.add_error_modes(modes);
         }
     }
 

@@ -21,7 +21,7 @@ use candidate::Candidate;
 use followed::Followed;
 use last_view::LastView;
 use map_transfer::MapTransfer;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix, SVector};
 use pose_ring::KeptPoses;
 use record::FeatureRecord;
 use serde::{Deserialize, Serialize};
@@ -57,9 +57,21 @@ pub(crate) struct Memory {
     pub(crate) followed: Followed,
     /// Largest change that the last update made to a number of the camera's pose.
     pub(crate) moved_by: f64,
+    /// How well the logarithm of the lengths of worn cameras' T_CF is known that have been doubted, standard deviations.
+    pub(crate) length_sds: BTreeMap<usize, f64>,
 }
 
 impl Memory {
+    /// Adds error modes, columns of as many numbers as the state's P has stored rows, in standard deviations.
+    pub(crate) fn add_error_modes(&mut self, columns: &[f64]) {
+        let outside = self.outside.as_ref();
+        self.state
+            .add_error_modes(columns, |state, modes| match outside {
+                Some(outside) => outside.modes_of_some(state, modes),
+                None => DMatrix::zeros(modes.kind.dim(), modes.kind.dim()),
+            });
+    }
+
     /// Copies another one into the storage of this one, but for what is outside of the working set.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         let Self {
@@ -80,6 +92,7 @@ impl Memory {
             imu,
             followed,
             moved_by,
+            length_sds,
         } = other;
         self.state.copy_from(state);
         self.time = *time;
@@ -97,6 +110,7 @@ impl Memory {
         self.imu.clone_from(imu);
         self.followed.clone_from(followed);
         self.moved_by = *moved_by;
+        self.length_sds.clone_from(length_sds);
     }
 
     pub(crate) fn check_started(&self) -> Result<(), EkfError> {

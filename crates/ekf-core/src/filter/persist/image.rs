@@ -135,6 +135,12 @@ fn check(memory: &Memory, setup: &Setup) -> Result<(), EkfError> {
     if !memory.followed.is_sane(layout.next_id()) {
         return bad("the features that it follows are impossible");
     }
+    let mut doubted = memory.length_sds.values();
+    if !doubted.all(|sd| (0.0..=1.0).contains(sd)) {
+        return Err(EkfError::bad_snapshot(
+            "it doubts lengths by no number from 0 to 1",
+        ));
+    }
     if !memory.time.is_none_or(stamps::is_sane) || !memory.moved_by.is_finite() {
         return bad("its time is impossible");
     }

@@ -1,5 +1,6 @@
 //! The worn camera in one frame: the error of its pose in the state, and what both views see (METHOD 5, 6, 9).
 
+use super::length::{by_length, taken};
 use super::other_time::{ByMotion, TimeCompensated};
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
@@ -32,6 +33,8 @@ fn roll_covariance(readout: f64) -> Matrix6<f64> {
 pub(crate) struct WornErrorParts {
     /// Derivatives by what lasts of it, six numbers of the state at these offsets.
     time_correlated: Vec<(usize, Matrix6<f64>)>,
+    /// Derivative by the logarithm of its lengths, one number of the state at this offset.
+    length: Option<(usize, Vector6<f64>)>,
     /// Derivatives by how Cs moved.
     motion: ByMotion,
     /// Derivative by what all views of the frame have in common, in standard deviations.
@@ -57,9 +60,19 @@ impl WornErrorParts {
         })
     }
 
+    /// What its lengths have to do with it.
+    pub(super) fn length_part(&self) -> Option<LinearPart<'_>> {
+        self.length.as_ref().map(|(offset, by)| LinearPart {
+            offset: *offset,
+            width: 1,
+            matrix: by.as_slice(),
+        })
+    }
+
     /// What is in the state, but for the common part.
     pub(super) fn linear_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
-        self.time_correlated_parts().chain(self.motion.parts())
+        let parts = self.time_correlated_parts();
+        parts.chain(self.length_part()).chain(self.motion.parts())
     }
 }
 
@@ -68,7 +81,7 @@ pub(super) fn into_f(
     worn: &WornObservation,
     compensated: Option<&TimeCompensated>,
 ) -> Matrix6<f64> {
-    let rotation = compensated.map_or(worn.t_cf.rotation, |compensated| compensated.taken.rotation);
+    let rotation = taken(worn, compensated).rotation;
     let mut j = Matrix6::zeros();
     for at in [0, 3] {
         j.fixed_view_mut::<3, 3>(at, at)
@@ -106,6 +119,7 @@ impl Filter {
             let own = TimeCorrelatedBias::of(worn.who, &stationary, share);
             self.memory.state.begin_time_correlated(own);
         }
+        self.open_length(worn, compensated);
         let error = self.error_of(worn, compensated);
         let mut parts: Vec<LinearPart<'_>> = error.linear_parts().collect();
         if share > 0.0 {
@@ -152,7 +166,7 @@ impl Filter {
         compensated: Option<&TimeCompensated>,
         learned: &mut Learned,
     ) {
-        let t_cf = compensated.map_or(&worn.t_cf, |compensated| &compensated.taken);
+        let t_cf = taken(worn, compensated);
         let Some(along) = t_cf.translation.try_normalize(0.0) else {
             return;
         };
@@ -201,8 +215,11 @@ impl Filter {
             motion.clone_from(&compensated.by);
             white += compensated.noise;
         }
+        let kind = BlockKind::WornLength(worn.who);
+        let length = self.memory.state.layout.of_kind(kind).next();
         WornErrorParts {
             time_correlated,
+            length: length.map(|block| (block.offset, by_length(taken(worn, compensated)))),
             motion,
             common,
             white,
@@ -225,12 +242,17 @@ impl Filter {
         }
     }
 
-    /// Covariance of what the map's error modes have put into the error of T_CF that the frame found: they had no part in it before.
-    pub(crate) fn worn_error_of_map(&self, worn: &WornObservation) -> Matrix6<f64> {
+    /// Covariance of what the error modes of the map and of the lengths of T_CF have put into the error of T_CF that the frame
+    /// found: before, they had but the lengths' part in it.
+    pub(crate) fn worn_error_of_map(
+        &self,
+        worn: &WornObservation,
+        compensated: Option<&TimeCompensated>,
+    ) -> Matrix6<f64> {
         let offset = self.worn_error_offset(worn.who);
+        let before = self.error_of(worn, compensated).length;
         offset.map_or_else(Matrix6::zeros, |at| {
-            let state = &self.memory.state;
-            state.told().block::<6, 6>(at, at) - state.p.block::<6, 6>(at, at)
+            self.memory.state.put_by_modes(at, before)
         })
     }
 

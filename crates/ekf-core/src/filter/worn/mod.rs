@@ -5,6 +5,7 @@ pub(super) mod error;
 pub(super) mod interpolated_pose;
 pub(super) mod kept_poses;
 pub(super) mod later_views;
+pub(super) mod length;
 pub(super) mod other_time;
 pub(super) mod overlapping;
 pub(super) mod pose;
