@@ -274,6 +274,21 @@ def _worn(frames: Frames) -> Iterator[str]:
             f"in the median, more than its covariance allows; check its clock, its frame and its covariance "
             "(try collabslam check-calib)."
         )
+    yield from _changed(frames)
+
+
+def _changed(frames: Frames) -> Iterator[str]:
+    """Whether lengths of T_CF have changed against the map."""
+    doubt = np.nan_to_num(frames["t_cf_length_doubt"])
+    if not doubt.any():
+        return
+    first = int(np.argmax(doubt > 0.0))
+    yield (
+        f"T_CF's lengths have changed against the map's, by up to {100 * doubt.max():.0f} %, first "
+        f"seen in frame {first} ({frames['t'][first]:.1f} s): the scale of the tracker may have changed, or "
+        "that of the map. Which of them it was no image tells, and the covariance holds both since; check "
+        "the tracker."
+    )
 
 
 def _in_vain(frames: Frames) -> Iterator[str]:

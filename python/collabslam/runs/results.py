@@ -119,6 +119,7 @@ DIAGNOSTICS = (
     "t_cf_correction_deg",
     "t_cf_against",
     "size_against",
+    "t_cf_length_doubt",
     "ms_predict",
     "ms_search",
     "ms_cf",

@@ -215,6 +215,7 @@ class FrameLoop:
             plan = view_counts(self._parts.view_planner.ask(0))
             times.done("view_planning")
         pose_map, covariance_map = self._parts.submaps.place()
+        doubt = {"t_cf_length_doubt": self._parts.size.doubt}
         sizes = {"map_size": core.map_size, "candidates": core.candidate_count}
         return StepResult(
             t=t,
@@ -227,7 +228,7 @@ class FrameLoop:
             scale_sd=scale_sd if metric and scale_sd is not None else math.inf,
             pose_map=pose_map,
             covariance_map=covariance_map,
-            diagnostics={**counts, **plan, **sizes, **self._told_rates(), **times.all()},
+            diagnostics={**counts, **plan, **doubt, **sizes, **self._told_rates(), **times.all()},
             worn=worn,
             features=features,
             gyro=self._parts.gyro.estimate(),

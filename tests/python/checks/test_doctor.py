@@ -76,6 +76,7 @@ WORN = {"worn": 1, "overlap": 1, "cf_points": 100, "cf_matches": 30}
         (many(**{**WORN, "cf_matches": 2, "cf_rejected_epipolar": 80}), {}, "near the epipolar line"),
         (many(**WORN, t_cf_correction_m=0.12, t_cf_correction_deg=4.0, t_cf_against=1.2), {},
          "they move it by 12.0 cm and 4.0 degrees"),
+        (many(9, **WORN) + many(**WORN, t_cf_length_doubt=0.14), {}, "up to 14 %, first seen in frame 9"),
         (many(**WORN), {"scale_error": -0.2}, "off by -20 % against the truth, in spite of overlap"),
         (many(), {"metric": False}, "arbitrary unit"),
     ],

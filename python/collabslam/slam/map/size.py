@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from collabslam._core import Filter
-from collabslam.formats.schema import Check, array, flag, optional, pose, table
+from collabslam.formats.schema import Check, array, flag, number, optional, pose, table
 from collabslam.frontend.worn_size import (
     CHANGES,
     LAST_VIEWS,
@@ -35,6 +35,11 @@ class MapSize(PersistentState):
     usual_speed : UsualSpeed
     bias_time : float
         How long what lasts of T_CF's error does, seconds.
+
+    Attributes
+    ----------
+    doubt : float
+        By how much the logarithm of T_CF's lengths, or of the map's, was found to have changed at most.
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
@@ -43,6 +48,7 @@ class MapSize(PersistentState):
         "_anew": flag,
         "_speeds": optional(array("<f8", None)),
         "_lengths": table(int, array("<f8", None, 6)),
+        "doubt": number(0.0, 1.0),
     }
 
     def __init__(self, core: Filter, usual_speed: UsualSpeed, bias_time: float) -> None:
@@ -54,6 +60,7 @@ class MapSize(PersistentState):
         # as it never does; None if that one's speed was usual, so that T_CF may as well be what is wrong.
         self._speeds: Array | None = None
         self._lengths: dict[int, Array] = {}
+        self.doubt = 0.0
 
     def take(self, overlap: Overlaps, t_wc: Array) -> None:
         """Takes in what the views of a frame said, and the pose of Cs (4, 4) in it."""
@@ -66,7 +73,7 @@ class MapSize(PersistentState):
             if len(self._speeds) == _CONFIRMING and self._usual.is_usual(float(np.median(self._speeds))):
                 self._anew = False
 
-    def take_length(self, number: int, length: Array) -> None:
+    def take_length(self, who: int, length: Array) -> None:
         """Takes in what a worn camera's view was found to say of |t_CF|, (6,) as `changed_length` says.
 
         Which of both has changed nothing tells, so that the camera's lengths and what is in view are in doubt
@@ -75,12 +82,13 @@ class MapSize(PersistentState):
         """
         if length[1] < LEAST_TOLD:
             return
-        known = self._lengths.get(number, np.empty((0, 6)))
+        known = self._lengths.get(who, np.empty((0, 6)))
         rows = np.vstack([known, length])[-(max(WINDOWS) + max(CHANGES)) :]
-        self._lengths = self._lengths | {number: rows}
+        self._lengths = self._lengths | {who: rows}
         changed = changed_length(rows, self._bias_time)
         if changed > 0.0:
-            self._filter.doubt_length(number, min(changed, 1.0))
+            self._filter.doubt_length(who, min(changed, 1.0))
+            self.doubt = max(self.doubt, min(changed, 1.0))
 
     @property
     def contradicted(self) -> bool:
