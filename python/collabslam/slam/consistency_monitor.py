@@ -30,13 +30,9 @@ CAUSES = (GYRO, WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE)
 
 _LAST = 30
 """Frames, and views of Cf, that the tests look back on."""
-_LAST_BIRTHS, _ENOUGH_BIRTHS = 100, 100
-"""Frames that the test of new points looks back on at most, and how many of these it asks for: few are in a
-frame."""
-_PASSING = 70
-"""Frames that it looks back on at least: what slides slowly leaves few points in thirty."""
-_GOES_ON = 150
-"""New points among which what moved before is looked for again: fewer may show nothing of what slides."""
+_LAST_BIRTHS, _PASSING = 100, 70
+"""Frames that the test of new points looks back on, and those in which some must move still: few are new in
+a frame, and what slides slowly leaves few of them in thirty."""
 _LEAST = 5
 """Frames, or views, that say something together."""
 _NO_VIEWS: dict[str, Any] = {
@@ -193,23 +189,12 @@ def _too_many(counts: Array, expected: float) -> bool:
 
 
 def _still_too_many(births: Array) -> bool:
-    """Whether too many new points moved in the last frames; or in all of them, and some of the last still do.
+    """Whether too many new points moved in the last frames, by (N, 2) counts, and some still do.
 
-    What slides over the image goes on; it leaves few points at a time, so that the last hundred alone may not
-    tell it.
+    What slides slowly over the image goes on, and leaves few points at a time; who passed by is gone.
     """
-    strayed, new = _recent(births, _GOES_ON).sum(axis=0)
-    goes_on = bool(strayed > _STRAYS * new)
-    return _too_many(_recent(births), _STRAYS) or (goes_on and _too_many(births, _STRAYS))
-
-
-def _recent(births: Array, count: int = _ENOUGH_BIRTHS) -> Array:
-    """The last frames in which enough points were new, of (N, 2) counts.
-
-    Who has passed by is out of view soon, and so is what was taken for the scene of them.
-    """
-    enough = int((np.cumsum(births[::-1, 1]) < count).sum()) + 1
-    return births[-max(enough, _PASSING) :]
+    strayed, new = births[-_PASSING:].sum(axis=0)
+    return bool(strayed > _STRAYS * new) and _too_many(births, _STRAYS)
 
 
 def _last(kept: Array, new: object, count: int) -> Array:

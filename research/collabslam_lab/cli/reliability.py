@@ -15,8 +15,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         nargs="*",
         default="all",
-        choices=["attacks", "faults", "readers", "live", "core", "endurance", "kills", "all"],
-        help="attacks, faults, readers (of files), live (messages), core, endurance, kills or all (default)",
+        choices=["attacks", "faults", "lengths", "readers", "live", "core", "endurance", "kills", "all"],
+        help="attacks, faults, lengths (of T_CF), readers (of files), live (messages), core, endurance, "
+        "kills or all (default)",
     )
     parser.add_argument(
         "--out",

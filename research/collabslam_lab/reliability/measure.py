@@ -16,12 +16,13 @@ from collabslam.runs.results import write_summary
 from collabslam_lab.reliability.attacks.table import attacks_markdown, measure_attacks
 from collabslam_lab.reliability.endurance import endure_session, many_dropped
 from collabslam_lab.reliability.kills import run_kills
+from collabslam_lab.reliability.lengths import lengths_markdown, measure_lengths
 from collabslam_lab.reliability.live_inputs import fuzz_live
 from collabslam_lab.reliability.readers import ReaderFindings, fuzz_readers
 from collabslam_lab.reliability.table import faults_markdown, measure_faults
 from collabslam_lab.report import markdown_table
 
-PARTS = ("attacks", "faults", "readers", "live", "core", "endurance", "kills")
+PARTS = ("attacks", "faults", "lengths", "readers", "live", "core", "endurance", "kills")
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,8 @@ def _measured(
         yield _attacks(jobs)
     elif part == "faults":
         yield _faults(amounts, seed)
+    elif part == "lengths":
+        yield _lengths(amounts, seed)
     elif part == "readers":
         yield {"fuzz_readers": _readers(amounts, seed)}
     elif part == "live":
@@ -175,6 +178,12 @@ def _faults(amounts: Amounts, seed: int) -> dict[str, Any]:
     rows = measure_faults(range(seed, seed + amounts.seeds), progress=True)
     print(faults_markdown(rows))
     return {"faults": [row.jsonable() for row in rows], "fault_seeds": amounts.seeds}
+
+
+def _lengths(amounts: Amounts, seed: int) -> dict[str, Any]:
+    rows = measure_lengths(range(seed, seed + amounts.seeds), progress=True)
+    print(lengths_markdown(rows))
+    return {"lengths": [row.jsonable() for row in rows], "length_seeds": amounts.seeds}
 
 
 def _readers(amounts: Amounts, seed: int) -> dict[str, int]:

@@ -37,7 +37,9 @@ def _sure(variance: float) -> Make:
     return _views(lambda _, view: dataclasses.replace(view, covariance=variance * np.eye(6)))
 
 
-def _scale(factor: Callable[[int], float]) -> Make:
+def longer(factor: Callable[[int], float]) -> Make:
+    """T_CF as many times as long as the number of its frame says."""
+
     def change(i: int, view: WornView) -> WornView:
         t_cf: Array = view.t_cf.copy()
         t_cf[:3, 3] *= factor(i)
@@ -56,7 +58,7 @@ def _turning(degrees: float) -> Make:
     return _views(change)
 
 
-def _untold(make: Make) -> Make:
+def untold(make: Make) -> Make:
     """Nothing is said of what lasts of T_CF's error, so that most of it does (``filter.worn.bias_share``)."""
     silent = _views(lambda _, view: dataclasses.replace(view, bias=None))
     return lambda recording, rng: silent(make(recording, rng), rng)
@@ -162,16 +164,16 @@ def _hot(_: int, image: Image) -> Image:
 PHYSICAL: tuple[tuple[str, str, Make], ...] = (
     ("t-cf-placeholder", "T_CF whose covariance is a placeholder of 1e-9", _sure(1e-9)),
     ("t-cf-exact", "T_CF whose covariance is 1e-14", _sure(1e-14)),
-    ("t-cf-scale-jump", "T_CF 30 % longer from the 40th frame on", _scale(lambda i: 1.3 if i >= 40 else 1.0)),
-    ("t-cf-scale-step", "T_CF 5 % longer from the 40th frame on", _scale(lambda i: 1.05 if i >= 40 else 1.0)),
-    ("t-cf-scale-creep", "T_CF longer by 0.1 % a frame", _scale(lambda i: 1.001**i)),
-    ("t-cf-scale-fall", "T_CF shorter by 0.3 % a frame", _scale(lambda i: 0.997**i)),
+    ("t-cf-scale-jump", "T_CF 30 % longer from the 40th frame on", longer(lambda i: 1.3 if i >= 40 else 1.0)),
+    ("t-cf-scale-step", "T_CF 5 % longer from the 40th frame on", longer(lambda i: 1.05 if i >= 40 else 1.0)),
+    ("t-cf-scale-creep", "T_CF longer by 0.1 % a frame", longer(lambda i: 1.001**i)),
+    ("t-cf-scale-fall", "T_CF shorter by 0.3 % a frame", longer(lambda i: 0.997**i)),
     ("t-cf-untold-step", "T_CF 5 % longer at once, nothing said of what lasts",
-     _untold(_scale(lambda i: 1.05 if i >= 40 else 1.0))),
+     untold(longer(lambda i: 1.05 if i >= 40 else 1.0))),
     ("t-cf-untold-creep", "T_CF longer by 0.1 % a frame, nothing said of what lasts",
-     _untold(_scale(lambda i: 1.001**i))),
+     untold(longer(lambda i: 1.001**i))),
     ("t-cf-untold-jump", "T_CF 30 % longer at once, nothing said of what lasts",
-     _untold(_scale(lambda i: 1.3 if i >= 40 else 1.0))),
+     untold(longer(lambda i: 1.3 if i >= 40 else 1.0))),
     ("t-cf-lost", "T_CF of another place from the 40th frame on", _views(_lost)),
     ("t-cf-stale", "T_CF that stands still from the 20th frame on", _stale),
     ("t-cf-turning", "T_CF turned by 0.1 degrees more in each frame", _turning(0.1)),
