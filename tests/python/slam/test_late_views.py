@@ -131,7 +131,7 @@ def test_a_view_of_the_frames_own_time_is_as_one_without_a_time() -> None:
 
 
 def test_an_uncertain_clock_makes_every_view_less_certain() -> None:
-    exact = Settings.default().replace(GLOBAL_SHUTTER)
+    exact = Settings.default().replace({**GLOBAL_SHUTTER, "filter.worn.length_sd": 0.0})
     vague = started(settings=exact.replace({"filter.worn.clock_sd": 0.05}))
     # At 1.5 m/s 50 ms are 7.5 cm, where T_CF is known to 3 cm, but mostly across the baseline.
     assert vague.filter.scale_sd > 1.1 * started(settings=exact).filter.scale_sd
