@@ -235,7 +235,7 @@ macro_rules! filter_settings {
             User("Set it to 0 where the errors of T_CF are known to be independent from frame to frame.");
         /// Standard deviation of the logarithm of T_CF's lengths, an error for good, where the worn view itself says which part of its
         /// covariance lasts and that part is less: no device knows its scale better (METHOD 6).
-        length_sd: f64 = 0.02, "", Some(0.0), Some(1.0),
+        length_sd: f64 = 0.01, "", Some(0.0), Some(1.0),
             User("Set it to what a device is known to have, 0.001 for motion capture; 0 for what has no error of scale, as in a simulation.");
         /// Time constant of what lasts, within an overlap.
         bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6),
