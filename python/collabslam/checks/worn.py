@@ -26,9 +26,11 @@ from collabslam.checks.matching import (
 )
 from collabslam.checks.mistakes import MirroredCamera, PoseMistake
 from collabslam.checks.robot import RobotReport
+from collabslam.checks.samples import spread
 from collabslam.checks.trials import Trial, worn_trials
-from collabslam.checks.views import View, sample_views
+from collabslam.checks.views import VIEWS, View, sample_views
 from collabslam.datasets.at_frames import AtFrames
+from collabslam.datasets.printed_pose import PRINTED
 from collabslam.frontend.worn_verdict import INDEPENDENT, LIMIT, SIGMA, Verdict, ask_images, contradicted
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.types import Array
@@ -98,9 +100,11 @@ def check_worn(recording: AtFrames, robot: RobotReport) -> WornReport:
     models = robot.model, MirroredCamera(recording.worn_camera)
     views = sample_views(recording)
     if not views:
-        text = (
-            f"No view of Cf shares {LEAST_MATCHES} points with Cs: its calibration and T_CF are not checked."
-        )
+        seen = any(recording.view(i) is not None for i in spread(range(len(recording)), 4 * VIEWS))
+        what = f"No view of Cf shares {LEAST_MATCHES} points with Cs" if seen else "No view of Cf has a T_CF"
+        if not seen and recording.worn_pose == PRINTED:
+            what = "The printed target of T_CF was never seen by both cameras"
+        text = f"{what}: its calibration and T_CF are not checked."
         return WornReport(notes=[text])
     given = Trial("", "", models)
     costs = _costs(views, given)

@@ -55,6 +55,10 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.formats.files import write_text
     from collabslam.settings.table import Settings
 
+    if not arguments.source.exists():
+        raise DataError(
+            f"The recording {arguments.source} does not exist; give the folder or the file of one."
+        )
     settings, camera, imu = (arguments.out / f"{name}.yaml" for name in ("settings", "camera", "imu"))
     for path in (settings, camera, imu):
         if path.exists():

@@ -35,7 +35,8 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
         try:
             if threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGTERM, _terminate)
-            arguments = parser.parse_args(argv)
+            given = sys.argv[1:] if argv is None else argv
+            arguments = parser.parse_args(given or ["--help"])
             debug = arguments.debug
             status: int = arguments.main(arguments)
             sys.stdout.flush()

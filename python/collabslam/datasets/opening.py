@@ -118,6 +118,11 @@ def recognise(path: Path, given: Given) -> Reader:
         if reader.matches(path) and (reader.layout != folder.LAYOUT or given.camera is not None):
             return reader
     remedy = ""
+    if all((path / name).is_file() for name in ("frames.csv", "summary.json")):
+        raise DataError(
+            f"{path} is what a run wrote, not a recording; 'collabslam doctor {path}' says how it went, a "
+            "recording is run."
+        )
     if path.is_file() and (said := single_image(path)) is not None:
         raise DataError(said)
     if folder.matches(path):

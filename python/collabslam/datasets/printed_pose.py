@@ -18,6 +18,9 @@ from collabslam.types import Image, WornView
 KINDS = ("tag:", "board:")
 PRINTED_ROLE = "tag:36h11:3=0.16 or board:9x6:0.03 (a printed target that both cameras see; several with +)"
 
+PRINTED = "printed target"
+"""What tells T_CF then."""
+
 
 def printed_source(source: str | None) -> list[Tag | Board]:
     """The targets that a source of ``T_CF`` names, as ``tag:36h11:3=0.16+tag:36h11:4=0.16``; none for others.
@@ -79,4 +82,4 @@ def with_printed_poses(
         name: RecordedWorn(camera, {i: partial(read, i, camera, image) for i, image in images.items()})
         for name, (camera, images) in worn.items()
     }
-    return replace(recording, worn=posed, worn_pose="printed target")
+    return replace(recording, worn=posed, worn_pose=PRINTED)

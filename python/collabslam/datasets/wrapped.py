@@ -43,6 +43,7 @@ class WrappedRecording:
         self.target: Target | None = base.target
         self.left_out: int = getattr(base, "left_out", 0)
         self.rig_used: bool = getattr(base, "rig_used", False)
+        self.worn_pose: str = getattr(base, "worn_pose", "")
         self.odometry: Odometry | None = getattr(base, "odometry", None)
         self.imu: ImuLog | None = getattr(base, "imu", None)
         self.worn_imu: dict[str, ImuLog] = dict(getattr(base, "worn_imu", {}))

@@ -27,6 +27,7 @@ from collabslam.checks.trials import Trial, clock_trials
 from collabslam.cli import main as cli
 from collabslam.datasets.at_frames import AtFrames
 from collabslam.datasets.poses import BODY_FROM_OPTICAL, OPENGL_FROM_OPTICAL, interpolate_track
+from collabslam.datasets.printed_pose import PRINTED
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
 from collabslam.simulation import corridor_recording
 from collabslam.types import Array, Frame, Image, Recording
@@ -374,6 +375,14 @@ def test_nothing_to_compare_is_not_fine(
     assert "are not held against the poses" in shown
     assert "agree" not in shown
     assert "speaks against" not in shown
+
+
+def test_views_without_t_cf_are_told_as_such(walk: Walk) -> None:
+    walk.frames = [replace(f, views=()) for f in walk.frames]
+    assert "No view of Cf has a T_CF: its calibration" in " ".join(check_calibration(walk).notes)
+    walk.worn_pose = PRINTED
+    notes = " ".join(check_calibration(walk).notes)
+    assert "The printed target of T_CF was never seen by both cameras: its" in notes
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.5])

@@ -491,3 +491,11 @@ def test_no_recording_is_opened_without_a_word() -> None:
             )
             if opens or name.startswith("plot_"):
                 assert node in told, f"{path.name}:{node.lineno}"
+
+
+def test_without_a_command_all_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        cli.main([])
+    assert left.value.code == 0
+    shown = capsys.readouterr().out
+    assert all(command in shown for command in COMMANDS)

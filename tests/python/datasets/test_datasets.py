@@ -12,6 +12,7 @@ from helpers.folders import SIZE, START_NS, make_euroc, picture, write_images
 
 from collabslam import geometry as g
 from collabslam._core import Camera
+from collabslam.cli import main as cli
 from collabslam.datasets import load_camera, open_recording, write_recording
 from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.readers import video
@@ -245,6 +246,15 @@ def test_missing_source_and_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "walk.txt").write_text("x")
     with pytest.raises(DataError, match="is not recognised"):
         open_recording(tmp_path / "walk.txt")
+
+
+def test_what_a_run_wrote_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("frames.csv", "summary.json"):
+        (tmp_path / name).write_text("")
+    with pytest.raises(DataError, match="is what a run wrote, not a recording"):
+        open_recording(tmp_path)
+    assert cli.main(["init", str(tmp_path / "none.mp4"), "--board", "7x5:0.03"]) == 2
+    assert "none.mp4 does not exist" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".pgm"])
