@@ -207,7 +207,8 @@ def test_a_body_is_no_camera(tmp_path: Path) -> None:
 def test_a_phones_log_lies_along_the_phone(tmp_path: Path, size: tuple[int, int]) -> None:
     write_images(tmp_path / "film", [f"{k}.png" for k in range(4)], size=size)
     lens = (
-        f"intrinsics: [30, 30, 15, 11]\nresolution: [{size[0]}, {size[1]}]\nrate: 20\ncamera_model: pinhole\n"
+        f"intrinsics: [30, 30, {size[0] // 2 - 1}, {size[1] // 2 - 1}]\n"
+        f"resolution: [{size[0]}, {size[1]}]\nrate: 20\ncamera_model: pinhole\n"
     )
     (tmp_path / "camera.yaml").write_text(lens)
     file, elapsed = tmp_path / "Gyroscope.csv", np.arange(len(TIMES))[:, None] / 200
