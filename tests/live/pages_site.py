@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from browser import Browser, browser
+from helpers.waiting import LONGEST
 from phone_scene import RATE, TAG, ThereAndBack, phone_video
 from scenario import frames_of
 
@@ -81,6 +82,17 @@ class Site:
     recording: ThereAndBack
     browser: Browser
     camera: AsFastAsItGoes
+
+    def until(self, true: Callable[[], bool]) -> bool:
+        """Whether it comes true before the robot has driven its last frame, however long it takes to."""
+        driven, moved = 0, time.monotonic()
+        while not true():
+            if len(self.camera.stamps) > driven:
+                driven, moved = len(self.camera.stamps), time.monotonic()
+            if driven == len(self.recording) or time.monotonic() - moved > LONGEST:
+                return False
+            time.sleep(0.1)
+        return True
 
     def ways(self) -> tuple[Array, Array]:
         """How far each frame whose pose is OK is from that nearest to where the way begins, metres: by

@@ -14,7 +14,6 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("websockets", reason="the extra live is not installed")
 
 from browser import CHROMIUM, Browser
-from helpers.waiting import until
 from pages_site import SHOTS, SOON, Site
 from pages_site import site as site_of
 from phone_scene import PHONE
@@ -48,7 +47,7 @@ def fits(page: Browser) -> bool:
 
 def test_the_phone_sends_its_camera(site: Site, phone: Browser) -> None:
     assert phone.until("document.getElementById('facts').textContent.includes('images sent')", SOON)
-    assert until(lambda: site.node.uplink.reports().get("web", {}).get("images", 0) > 20)
+    assert site.until(lambda: site.node.uplink.reports().get("web", {}).get("images", 0) > 20)
     report = site.node.uplink.reports()["web"]
     assert 0.0 < report["age_median_ms"] < 2000.0  # the two clocks began years apart
     assert site.node.uplink.dropped["malformed"] == 0
@@ -56,8 +55,8 @@ def test_the_phone_sends_its_camera(site: Site, phone: Browser) -> None:
 
 def test_a_phone_and_a_tag_make_a_metric_pose(site: Site, phone: Browser) -> None:
     """Nothing but the tag that both see tells where the phone is, and that a metre is one."""
-    assert until(lambda: [link for _, link in frames_of(site.out)].count("collab") > 50)
-    assert until(site.went)
+    assert site.until(lambda: [link for _, link in frames_of(site.out)].count("collab") > 50)
+    assert site.until(site.went)
     way, true = site.ways()
     assert np.abs(way - true).max() < 0.2
     assert phone.until("document.getElementById('facts').textContent.includes('lengths in metresyes')", SOON)

@@ -17,7 +17,6 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("websockets", reason="the extra live is not installed")
 
 from browser import CHROMIUM
-from helpers.waiting import until
 from pages_site import SHOTS, SOON, site
 from phone_scene import PHONE, tracked_shots
 from scenario import frames_of
@@ -64,14 +63,14 @@ def test_a_phone_that_saw_the_tag_once(tmp_path: Path) -> None:
         page.screenshot(SHOTS / "phone-ar-390.png")
         page.value("document.getElementById('track').click()")
         assert page.until("document.getElementById('facts').textContent.includes('images sent')", SOON)
-        assert until(lambda: [link for _, link in frames_of(there.out)].count("collab") > 5)
+        assert there.until(lambda: [link for _, link in frames_of(there.out)].count("collab") > 5)
         page.value("played.away = true")
         before = len(frames_of(there.out))
-        assert until(lambda: len(frames_of(there.out)) > before + 50)  # ten seconds and more
+        assert there.until(lambda: len(frames_of(there.out)) > before + 50)  # ten seconds and more
         links = [link for _, link in frames_of(there.out)[before + 15 :]]
         assert links.count("collab") > len(links) // 2
         assert there.node.uplink.dropped["malformed"] == 0
-        assert until(there.went)
+        assert there.until(there.went)
         way, true = there.ways()
         assert np.abs(way - true).max() < 0.2
 
@@ -99,4 +98,4 @@ def test_without_tracking_the_plain_camera_is_offered(tmp_path: Path) -> None:
         assert page.until("document.getElementById('said').textContent.includes('no camera-access')", SOON)
         page.value("document.getElementById('start').click()")
         assert page.until("document.getElementById('facts').textContent.includes('images sent')", SOON)
-        assert until(lambda: there.node.uplink.calibrations([""], 0.0))
+        assert there.until(lambda: there.node.uplink.calibrations([""], 0.0))
