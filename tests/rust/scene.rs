@@ -43,12 +43,13 @@ pub(crate) fn worn_covariance() -> Matrix6<f64> {
 
 pub(crate) fn settings(changes: &[(&str, Value)]) -> Settings {
     let mut settings = Settings::default();
-    // The simulated cameras take all rows at once, and each T_CF has an error of its own.
+    // The simulated cameras take all rows at once, each T_CF has an error of its own, and lengths have none for good.
     for key in [
         "calibration.readout",
         "calibration.readout_sd",
         "worn.readout",
         "worn.bias_share",
+        "worn.length_sd",
     ] {
         settings.set(key, &Value::Float(0.0)).expect("a setting");
     }
