@@ -286,8 +286,8 @@ def test_our_layout_and_a_bag_replay_to_the_last_bit(corridor: WorldRecording, t
         assert np.array_equal(a.views[0].image, b.views[0].image)
         assert np.array_equal(a.views[0].t_cf, b.views[0].t_cf)
         assert np.array_equal(a.views[0].covariance, b.views[0].covariance)
-    # A pose's message has no place for what lasts of its error; that nothing does, a setting says.
-    white = Settings.default().replace({"filter.worn.bias_share": 0.0})
+    # A pose's message has no place for what lasts of its error; that nothing does, settings say.
+    white = Settings.default().replace({"filter.worn.bias_share": 0.0, "filter.worn.length_sd": 0.0})
     runs = [run(r, mode="collab", start="worn", settings=white).record for r in (layout, bag)]
     assert np.array_equal(runs[0].poses, runs[1].poses)
     assert np.array_equal(runs[0].covariances, runs[1].covariances)
