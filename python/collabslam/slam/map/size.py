@@ -85,10 +85,10 @@ class MapSize(PersistentState):
         known = self._lengths.get(who, np.empty((0, 6)))
         rows = np.vstack([known, length])[-(max(WINDOWS) + max(CHANGES)) :]
         self._lengths = self._lengths | {who: rows}
-        changed = changed_length(rows, self._bias_time)
+        changed = min(changed_length(rows, self._bias_time), 1.0)
         if changed > 0.0:
-            self._filter.doubt_length(who, min(changed, 1.0))
-            self.doubt = max(self.doubt, min(changed, 1.0))
+            self._filter.doubt_length(who, changed)
+            self.doubt = max(self.doubt, changed)
 
     @property
     def contradicted(self) -> bool:

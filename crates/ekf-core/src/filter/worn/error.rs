@@ -1,6 +1,6 @@
 //! The worn camera in one frame: the error of its pose in the state, and what both views see (METHOD 5, 6, 9).
 
-use super::length::{by_length, taken};
+use super::length::taken;
 use super::other_time::{ByMotion, TimeCompensated};
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
@@ -61,7 +61,7 @@ impl WornErrorParts {
     }
 
     /// What its lengths have to do with it.
-    pub(super) fn length_part(&self) -> Option<LinearPart<'_>> {
+    fn length_part(&self) -> Option<LinearPart<'_>> {
         self.length.as_ref().map(|(offset, by)| LinearPart {
             offset: *offset,
             width: 1,
@@ -215,11 +215,9 @@ impl Filter {
             motion.clone_from(&compensated.by);
             white += compensated.noise;
         }
-        let kind = BlockKind::WornLength(worn.who);
-        let length = self.memory.state.layout.of_kind(kind).next();
         WornErrorParts {
             time_correlated,
-            length: length.map(|block| (block.offset, by_length(taken(worn, compensated)))),
+            length: self.length_of(worn, compensated),
             motion,
             common,
             white,
@@ -250,7 +248,7 @@ impl Filter {
         compensated: Option<&TimeCompensated>,
     ) -> Matrix6<f64> {
         let offset = self.worn_error_offset(worn.who);
-        let before = self.error_of(worn, compensated).length;
+        let before = self.length_of(worn, compensated);
         offset.map_or_else(Matrix6::zeros, |at| {
             self.memory.state.put_by_modes(at, before)
         })

@@ -21,7 +21,7 @@ pub(super) fn taken<'a>(
 }
 
 /// Derivative of T_CF, in the tangent of F, by the logarithm of its lengths.
-pub(super) fn by_length(t_cf: &Pose) -> Vector6<f64> {
+fn by_length(t_cf: &Pose) -> Vector6<f64> {
     let along = t_cf.rotation.transpose() * t_cf.translation;
     Vector6::new(along.x, along.y, along.z, 0.0, 0.0, 0.0)
 }
@@ -90,6 +90,17 @@ impl Filter {
             column[slot] = lacks;
             self.memory.add_error_modes(&column);
         }
+    }
+
+    /// Where in the state the logarithm of the lengths is, where they may be off, and the derivative of a view's T_CF by it.
+    pub(super) fn length_of(
+        &self,
+        worn: &WornObservation,
+        compensated: Option<&TimeCompensated>,
+    ) -> Option<(usize, Vector6<f64>)> {
+        let kind = BlockKind::WornLength(worn.who);
+        let block = self.memory.state.layout.of_kind(kind).next()?;
+        Some((block.offset, by_length(taken(worn, compensated))))
     }
 
     /// Where in P the error of a worn camera's lengths is stored, and the standard deviation that lacks to a variance that it should
