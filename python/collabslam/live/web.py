@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import hmac
 import http
 import json
@@ -15,7 +16,7 @@ from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from collabslam.extras import needs
 from collabslam.live.clock import Exchange
 from collabslam.live.gateway import Gateway
 from collabslam.live.messages import FARTHEST
+
+if TYPE_CHECKING:
+    from collabslam.live.doorway import Doorway
 
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 PAGES = {"/": "phone.html", "/view": "view.html"} | {
@@ -34,7 +38,7 @@ LARGEST, CONNECTIONS = 300_000, 16
 MOST_RATES = 25
 """Rates of a phone's gyroscope that come with an image."""
 HELLO, STRANGERS = 5.0, 64
-"""Seconds of each step: encryption, request, token; of those who have not shown one the oldest gives way."""
+"""Seconds of each step: encryption, request, token; how many may be there who have shown none."""
 REFUSED = 1008
 """The socket's code for who may not come in."""
 _HEADERS = {
@@ -72,7 +76,6 @@ class WebServer:
     def __init__(self, gateway: Gateway, tokens: Tokens) -> None:
         self._gateway, self._tokens = gateway, tokens
         self._open = 0
-        self._strangers: dict[Any, None] = {}
         self._clock = gateway.clock
 
     @contextlib.asynccontextmanager
@@ -93,17 +96,19 @@ class WebServer:
         """
         with needs("live"):
             from websockets.asyncio.server import serve
+
+            from collabslam.live.doorway import Doorway
         asyncio.get_running_loop().set_exception_handler(_unless_strangers)
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
         try:
             context.load_cert_chain(keys / "certificate.pem", keys / "key.pem")
+            doorway = Doorway(context, STRANGERS, HELLO)
             server = await serve(
-                self._connection,
+                functools.partial(self._connection, doorway),
                 host,
                 port,
-                ssl=context,
-                ssl_handshake_timeout=HELLO,
+                create_connection=doorway.connection,  # type: ignore[arg-type]  # any callable will do
                 open_timeout=HELLO,
                 process_request=self._page,
                 max_size=LARGEST,
@@ -116,7 +121,10 @@ class WebServer:
                 f"The pages cannot be served on {host}:{port} ({error}); check address, port and keys."
             ) from error
         async with server:
-            yield int(next(iter(server.sockets)).getsockname()[1])
+            try:
+                yield int(next(iter(server.sockets)).getsockname()[1])
+            finally:
+                doorway.close()
 
     def _page(self, connection: Any, request: Any) -> Any:
         """A page, or None for a socket that may be opened."""
@@ -139,7 +147,7 @@ class WebServer:
             200, "OK", Headers({**_HEADERS, "Content-Type": kind, "Content-Length": str(len(body))}), body
         )
 
-    async def _connection(self, socket: Any) -> None:
+    async def _connection(self, doorway: Doorway, socket: Any) -> None:
         """One page's socket, from its token to its end."""
         from websockets.exceptions import ConnectionClosed
 
@@ -148,7 +156,9 @@ class WebServer:
             hello = await self._hello(socket, getattr(self._tokens, role))
             if hello is None:
                 await socket.close(REFUSED, "The token is wrong; open the address that was printed.")
-            elif self._open >= CONNECTIONS:
+                return
+            doorway.leaves(socket)
+            if self._open >= CONNECTIONS:
                 await socket.close(REFUSED, "Too many pages are open; close one of them.")
             else:
                 self._open += 1
@@ -167,18 +177,11 @@ class WebServer:
             await self._phone(socket, hello)
 
     async def _hello(self, socket: Any, token: str) -> Mapping[str, Any] | None:
-        """The first message if it shows the token; who has none makes room for others that have none."""
-        if len(self._strangers) >= STRANGERS:
-            oldest = next(iter(self._strangers))
-            del self._strangers[oldest]
-            oldest.transport.abort()
-        self._strangers[socket] = None
+        """The first message if it shows the token, and comes in time."""
         try:
             hello = _object(await asyncio.wait_for(socket.recv(), HELLO))
         except TimeoutError:
             return None
-        finally:
-            self._strangers.pop(socket, None)
         shown = hello.get("token")
         good = isinstance(shown, str) and hmac.compare_digest(_bytes(shown), _bytes(token))
         return hello if good else None

@@ -32,7 +32,7 @@ from collabslam.live import link, messages, names
 from collabslam.live.gateway import Gateway, seen_from_above
 from collabslam.live.keys import make_keys
 from collabslam.live.monotonic_clock import MonotonicClock
-from collabslam.live.web import CONNECTIONS, STRANGERS, Tokens, WebServer
+from collabslam.live.web import CONNECTIONS, HELLO, STRANGERS, Tokens, WebServer
 
 TOKENS = Tokens("phone-token", "view-token")
 SIZE = (640, 480)
@@ -373,6 +373,28 @@ def test_who_shows_no_token_holds_no_place(robot: tuple[Robot, Gateway], keys: P
             page = await stack.enter_async_context(open_socket(port, context, "view"))
             await page.send(json.dumps({"token": TOKENS.view}))
             return dict(json.loads(await page.recv()))
+
+    assert "ages" in served(robot[1], keys, visit)
+
+
+@pytest.mark.parametrize("said", [b"", b"\x16\x03\x01\x00\xff", b"GET / HTTP/1.1\r\n"])
+def test_who_is_silent_before_any_encryption_holds_no_place(
+    robot: tuple[Robot, Gateway], keys: Path, said: bytes
+) -> None:
+    """The oldest are sent away at once, not after their seconds, and a page with its token gets in."""
+
+    async def visit(port: int, context: ssl.SSLContext) -> dict[str, Any]:
+        crowd = [await asyncio.open_connection("127.0.0.1", port) for _ in range(STRANGERS + 20)]
+        for _, writer in crowd:
+            writer.write(said)
+        async with open_socket(port, context, "view") as page:
+            await page.send(json.dumps({"token": TOKENS.view}))
+            answer = dict(json.loads(await page.recv()))
+        with contextlib.suppress(ConnectionError):
+            assert len(await asyncio.wait_for(crowd[0][0].read(), HELLO / 2)) < 100
+        for _, writer in crowd:
+            writer.close()
+        return answer
 
     assert "ages" in served(robot[1], keys, visit)
 
