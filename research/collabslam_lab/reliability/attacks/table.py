@@ -66,8 +66,10 @@ def measure_attacks(
     progress : bool
         Whether to show on standard error how far it is.
     """
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # children would ignore Ctrl-C, too
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # children would ignore it, too
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # under nohup; what is handled is not inherited
+        signal.signal(signal.SIGHUP, lambda *_: None)
     with (
         tempfile.TemporaryDirectory(prefix="collabslam-attacks-") as folder,
         Progress(len(attacks), "attacks", enabled=progress) as bar,

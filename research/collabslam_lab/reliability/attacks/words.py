@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from collabslam_lab.reliability.attacks.attack import REFUSED, Attack, Deed
+from collabslam_lab.reliability.attacks.attack import HELD, REFUSED, Attack, Deed
 from collabslam_lab.reliability.attacks.scene import Scene
 
 RUN: tuple[tuple[str, str, tuple[str, ...]], ...] = (
@@ -59,7 +59,6 @@ def _pictures(scene: Scene) -> Path:
 
 
 OTHERS: tuple[tuple[str, str, Callable[[Scene], tuple[object, ...]], str], ...] = (
-    ("nothing", "no command at all", lambda scene: (), ""),
     ("command", "a command that there is not", lambda scene: ("fly",), "fly"),
     ("no-source", "run of nothing", lambda scene: ("run",), "SOURCE"),
     ("source", "run of a folder that there is not", lambda scene: ("run", "/nowhere"), "/nowhere"),
@@ -118,4 +117,12 @@ def _other(row: tuple[str, str, Callable[[Scene], tuple[object, ...]], str]) -> 
     return Attack("command", name, what, make, REFUSED, says)
 
 
-ATTACKS = (*(_run(*row) for row in RUN), *(_other(row) for row in OTHERS))
+def _alone(scene: Scene) -> Deed:
+    return scene.command()
+
+
+ATTACKS = (
+    *(_run(*row) for row in RUN),
+    Attack("command", "nothing", "no command at all: all are listed", _alone, HELD),
+    *(_other(row) for row in OTHERS),
+)
