@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -43,6 +44,7 @@ IN = {
     "/cf/image/compressed": messages.COMPRESSED,
     "/cf/camera_info": messages.CAMERA_INFO,
     "/t_cf": messages.POSE,
+    "/cf/imu": messages.IMU,
 }
 OUT = {
     "/collabslam/odometry": messages.ODOMETRY,
@@ -91,6 +93,7 @@ def test_two_cameras_in_and_the_robot_in_tf(node: Any, tmp_path: Path) -> None:
     given = {"cs": "/cs/image_raw", "cs_info": "/cs/camera_info", "base": ",".join(map(str, MOUNT))}
     given |= {"save_map": str(tmp_path / "map"), "map": ""}
     several = {"cf": "/cf/image/compressed", "cf_info": "/cf/camera_info", "t_cf": "/t_cf"}
+    several |= {"worn_gyro": "/cf/imu", "worn_imu": "optical"}
     command = [sys.executable, "-m", "collabslam_ros.node", "--ros-args"]
     command += ["--params-file", str(PACKAGE / "config" / "collabslam.yaml")]
     command += [w for k, v in given.items() for w in ("-p", f"{k}:='{v}'")]
@@ -119,6 +122,7 @@ def test_two_cameras_in_and_the_robot_in_tf(node: Any, tmp_path: Path) -> None:
         for frame in frames:
             t, worn = frame.t + 1.0, frame.views[0]
             jpeg = cv2.imencode(".jpg", worn.image)[1].tobytes()
+            out["/cf/imu"].publish(messages.rate(t - 0.002, np.array([0.01, 0.02, 0.0]), frame="cf_imu"))
             out["/t_cf"].publish(messages.pose(t, "cs", worn.t_cf, worn.covariance))
             out["/cf/image/compressed"].publish(messages.compressed_image(t, "cf", jpeg))
             out["/cs/image_raw"].publish(messages.raw_image(t, "cs", frame.image))
@@ -137,7 +141,11 @@ def test_two_cameras_in_and_the_robot_in_tf(node: Any, tmp_path: Path) -> None:
     assert len(poses) >= FRAMES // 3  # ROS lets images fall that a busy machine does not take
     _check_odometry(poses, recording)
     assert heard["/collabslam/map"]
-    assert messages.status_from(heard["/diagnostics"][-1])["robot"]["metric"] == "True"
+    told = messages.status_from(heard["/diagnostics"][-1])["robot"]
+    assert told["metric"] == "True"
+    assert re.search(
+        "turn it told: [1-9]", told["gyroscope of Cf"]
+    )  # samples and images go ways of their own
     _check_tf(heard["/tf"], poses[-1], heard["/collabslam/pose_map"])
 
 

@@ -16,7 +16,6 @@ from collabslam.settings.modes import MODES
 
 if TYPE_CHECKING:
     from collabslam.level import Level
-    from collabslam.live.gyro_topic import GyroTopic
     from collabslam.live.ros import MapFiles
     from collabslam.live.ros_frames import RosFrames
     from collabslam.live.ros_worn import WornTopics
@@ -52,6 +51,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="[NAME=]METRES,DEGREES",
         type=options.of_person(_deviations),
         help="with --t-cf /tf, which tells none: standard deviations of T_CF's coordinates and angles",
+    )
+    person(
+        "--worn-gyro",
+        metavar="[NAME=]TOPIC",
+        type=options.of_person(str),
+        help="a gyroscope of Cf's own, a sensor_msgs/Imu: how its rolling shutter turned",
+    )
+    person(
+        "--worn-imu",
+        metavar="[NAME=]FILE|AXES",
+        type=options.of_person(str),
+        help="how that sits, as --imu; without it tf tells it, between its frame and that of Cf's images",
     )
     add_wheels(parser)
     parser.add_argument("--gyro", metavar="TOPIC", help="the robot's gyroscope, a sensor_msgs/Imu")
@@ -151,12 +162,14 @@ def map_files(start: str | None, save: str | None) -> MapFiles:
 
 def spin(node: Any, arguments: argparse.Namespace, settings: Settings, maps: Callable[[], MapFiles]) -> int:
     """Run a ``rclpy`` node until Ctrl-C, with the arguments that `configure` asks for."""
+    from collabslam.live.gyro_topic import GyroTopic
     from collabslam.live.ros import RosNode, RosTopics
     from collabslam.live.ros_types import rclpy_of
 
     rclpy = rclpy_of()
     arguments = with_mounts(arguments)
-    worn, wheels, gyro = worn_topics(arguments), wheels_of(arguments), gyro_topic(arguments)
+    worn, wheels = worn_topics(arguments), wheels_of(arguments)
+    gyro = GyroTopic.asked(arguments.gyro, arguments.imu)
     topics = RosTopics(
         arguments.cs,
         arguments.cs_info,
@@ -223,31 +236,25 @@ def frames_of(arguments: argparse.Namespace) -> RosFrames:
     return RosFrames(*names, arguments.base, arguments.tf)
 
 
-def gyro_topic(arguments: argparse.Namespace) -> GyroTopic | None:
-    """The gyroscope's topic; raises SettingsError if it is to be described and not named."""
-    from collabslam.live.gyro_topic import GyroTopic
-
-    if arguments.gyro is None:
-        if arguments.imu is not None:
-            raise SettingsError("--imu tells of the gyroscope of --gyro TOPIC; give that.")
-        return None
-    return GyroTopic.of(arguments.gyro, arguments.imu)
-
-
 def worn_topics(arguments: argparse.Namespace) -> dict[str, WornTopics]:
     """The topics of each worn camera, by the name of whoever wears it; "" is that of a single one.
 
     Raises
     ------
     SettingsError
-        If a name cannot be one, is given twice, or lacks an option.
+        If a name cannot be one, is given twice, or lacks an option, or a gyroscope is described and not
+        named.
     """
+    from collabslam.live.gyro_topic import GyroTopic
     from collabslam.live.names import device_name
     from collabslam.live.ros_worn import WornTopics
 
     needed = {of: options.by_person(of, getattr(arguments, key)) for of, key in NEEDED.items()}
     deviations = options.by_person("--t-cf-sd", arguments.t_cf_sd)
-    names = dict.fromkeys(name for values in (*needed.values(), deviations) for name in values)
+    gyros = options.by_person("--worn-gyro", arguments.worn_gyro)
+    imus = options.by_person("--worn-imu", arguments.worn_imu)
+    told = (*needed.values(), deviations, gyros, imus)
+    names = dict.fromkeys(name for values in told for name in values)
     if "" in names and len(names) > 1:
         raise SettingsError("Of several worn cameras each is a person's; give every option as NAME=... then.")
     for name in names:
@@ -258,4 +265,5 @@ def worn_topics(arguments: argparse.Namespace) -> dict[str, WornTopics]:
                 f"{whose} needs {', '.join(needed)} and has no {', '.join(missing)}; give all three or none."
             )
     images, infos, poses = needed.values()
-    return {n: WornTopics(images[n], infos[n], poses[n], deviations.get(n)) for n in names}
+    own = {n: GyroTopic.asked(gyros.get(n), imus.get(n), "worn-") for n in names}
+    return {n: WornTopics(images[n], infos[n], poses[n], deviations.get(n), own[n]) for n in names}

@@ -7,8 +7,9 @@ import sys
 import time
 from pathlib import Path
 
-from collabslam.cli import OK
+from collabslam.cli import OK, options
 from collabslam.cli.live_options import add_camera, add_link
+from collabslam.errors import SettingsError
 
 PATIENCE = 5.0
 """Seconds without the robot after which the reasons are named."""
@@ -37,6 +38,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="with --sensors: send the robot's scans and attitudes as well, where this machine hears them",
     )
+    own = parser.add_argument_group("the device's own gyroscope, a topic beside ros:TOPIC")
+    own.add_argument("--gyro", metavar="TOPIC", help="a sensor_msgs/Imu: how the rolling shutter turned")
+    own.add_argument(
+        "--imu",
+        metavar="FILE|AXES",
+        help="how it sits, as in 'collabslam run'; without it tf tells it, between the frames of images and "
+        "samples",
+    )
     add_link(parser)
 
 
@@ -44,19 +53,25 @@ def main(arguments: argparse.Namespace) -> int:
     """Send until the camera ends or Ctrl-C."""
     from collabslam.datasets.ros.sensors import read_sensors
     from collabslam.live import link
-    from collabslam.live.cameras import RecordingPlayback, open_camera
+    from collabslam.live.cameras import ROS_TOPIC, RecordingPlayback, open_camera
     from collabslam.live.monotonic_clock import MonotonicClock
     from collabslam.live.sending import send_all, send_sensors
     from collabslam.live.status_line import StatusLine
     from collabslam.live.worn import WornDevice
     from collabslam.runs.busy import busy
 
+    gyro = options.gyro_of(arguments)
+    if gyro is not None and not arguments.source.startswith(ROS_TOPIC):
+        raise SettingsError(
+            f"--gyro and --imu tell of a topic beside the images of ros:TOPIC, and {arguments.source} is "
+            "none; leave them out. A recording's own goes with its views by itself."
+        )
     keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
     address = link.Address.parse(arguments.robot)
     sensors = None if arguments.sensors is None else read_sensors(arguments.sensors)
     name = arguments.name or (keys.name if keys is not None else "worn")
     with busy("opening the camera"):
-        camera = open_camera(arguments.source, arguments.camera, arguments.topics)
+        camera = open_camera(arguments.source, arguments.camera, arguments.topics, gyro=gyro)
     calibration = camera.camera
     if isinstance(camera, RecordingPlayback):
         camera.clock = MonotonicClock()

@@ -232,7 +232,8 @@ def open_camera(
     if source.startswith(ROS_TOPIC):
         from collabslam.live.ros_camera import RosCamera  # rclpy is there with ROS alone
 
-        topic = _gyro_topic(gyro)
+        asked = None if gyro is None or gyro.source == NONE else gyro
+        topic = None if asked is None else GyroTopic.asked(asked.source, asked.imu)
         return RosCamera(source.removeprefix(ROS_TOPIC), calibration, wheels, topic)
     if gyro is not None and not path.exists():
         raise SettingsError(
@@ -250,12 +251,3 @@ def open_camera(
     odometry = None if wheels is None else wheels.given
     given = Given(calibration, topics=topics or {}, odometry=odometry, gyro=gyro)
     return RecordingPlayback(Source(path, given).open(), path)
-
-
-def _gyro_topic(given: GyroGiven | None) -> GyroTopic | None:
-    """The topic of a gyroscope; raises SettingsError if one is described and not named."""
-    if given is None or given.source == NONE:
-        return None
-    if given.source is None:
-        raise SettingsError("--imu tells of the gyroscope of --gyro TOPIC; give that.")
-    return GyroTopic.of(given.source, given.imu)

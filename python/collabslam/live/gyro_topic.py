@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from collabslam.datasets.imu.beside import GyroGiven
 from collabslam.datasets.imu.description import ImuFile
 from collabslam.datasets.ros.transform_tree import TransformTree
+from collabslam.errors import SettingsError
 from collabslam.live import messages
 from collabslam.live.core import GyroSample
 from collabslam.types import Imu
@@ -31,6 +32,22 @@ class GyroTopic:
     def of(cls, topic: str, imu: str | None) -> GyroTopic:
         """A topic, and a file or the name of axes; raises DataError as `GyroGiven.description` does."""
         return cls(topic, GyroGiven(topic, imu).description())
+
+    @classmethod
+    def asked(cls, topic: str | None, imu: str | None, whose: str = "") -> GyroTopic | None:
+        """What options ask for, ``--gyro`` and ``--imu`` with ``whose`` before their names.
+
+        Raises
+        ------
+        DataError
+            As `of`.
+        SettingsError
+            If a gyroscope is described and not named.
+        """
+        if topic is None and imu is not None:
+            of, topics = f"--{whose}imu", f"--{whose}gyro TOPIC"
+            raise SettingsError(f"{of} tells of the gyroscope of {topics}; give that.")
+        return None if topic is None else cls.of(topic, imu)
 
     @property
     def asks_tf(self) -> bool:

@@ -245,7 +245,8 @@ class RosNode:
             yield TF, messages.TRANSFORMS, partial(self._transforms, static=False)
         wheels, gyro = topics.wheels, topics.gyro
         fixed = wheels is not None and wheels.given.frames is not None
-        if moving or fixed or topics.frames.asks_tf or (gyro is not None and gyro.asks_tf):
+        gyros = [gyro, *(of.gyro for of in topics.worn.values())]
+        if moving or fixed or topics.frames.asks_tf or any(of is not None and of.asks_tf for of in gyros):
             yield TF_STATIC, messages.TRANSFORMS, partial(self._transforms, static=True)
 
     def _of_wheels(self, wheels: WheelTopic) -> Take:
@@ -290,6 +291,11 @@ class RosNode:
         facts |= {"refused": self._refused + sum(live.refused.values())}
         unposed = sum((Counter(worn.unposed) for worn in self._worn.values()), Counter())
         facts |= {f"no pose: {k}": v for k, v in unposed.items()}
+        facts |= {
+            f"gyroscope of Cf {name}".rstrip(): worn.gyroscope
+            for name, worn in self._worn.items()
+            if worn.gyroscope is not None
+        }
         if self._out.base is None and self._t_bc is not None and step.level is not None:
             self._out.base = Base(self._t_bc, step.level)
         if self._out.base is None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.errors import SettingsError
 from collabslam.live.cameras import DeviceCamera, RecordingPlayback
+from collabslam.live.device_rates import DeviceRates
 from collabslam.live.frame_source import LiveCamera
 from collabslam.live.monotonic_clock import MonotonicClock
 from collabslam.live.worn import WornDevice
@@ -31,11 +32,20 @@ def send_all(device: WornDevice, camera: LiveCamera, ended: Callable[[], bool]) 
     if isinstance(camera, RecordingPlayback):
         _follow(device, camera, ended)
         return
+    rates = _rates_of(camera)
     last = -float("inf")
     for captured in camera.images(ended):
         if captured.t - last >= _EARLY / device.pace.level.rate:
-            device.send(captured.t, captured.image)
+            device.send(captured.t, captured.image, rate=rates.at("", captured.t))
             last = captured.t
+
+
+def _rates_of(camera: LiveCamera) -> DeviceRates:
+    """What the gyroscope that comes with a camera's images says, along the camera's axes, by its clock."""
+    rates, imu = DeviceRates(), camera.imu
+    if imu is not None:
+        camera.turn(lambda sample: rates.add("", sample.t + imu.time_offset, imu.r_ci @ sample.rate))
+    return rates
 
 
 def send_sensors(device: WornDevice, camera: LiveCamera, sensors: WornSensors) -> None:

@@ -22,6 +22,7 @@ ROBOT: Arguments = {
     "odometry": ("", "the robot's odometry, nav_msgs/Odometry"),
     "twist": ("", "the same as TwistWithCovarianceStamped"),
     "gyro": ("", "its gyroscope, sensor_msgs/Imu"),
+    "imu": ("", "how that sits: a file, or axes (optical, opengl, ros); tf tells it otherwise"),
     "map": ("", "a map to start in"),
     "save_map": ("collabslam.map", "where the service save_map writes it"),
     "tf": ("all", "links that are sent: all, map (the wheels' node sends odom -> base_link), none"),
@@ -31,6 +32,8 @@ WORN: Arguments = {
     "cf_info": ("/glasses/camera_info", "their CameraInfo"),
     "t_cf": ("/t_cf", "T_CF: a topic of PoseWithCovarianceStamped, /tf, or sensors:FILE"),
     "t_cf_sd": ("", "with /tf: its standard deviations, METRES,DEGREES"),
+    "worn_gyro": ("", "Cf's own gyroscope, sensor_msgs/Imu"),
+    "worn_imu": ("", "how that sits: a file, or axes (optical, opengl, ros); tf tells it otherwise"),
 }
 
 

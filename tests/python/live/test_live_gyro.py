@@ -23,7 +23,7 @@ from helpers.in_step import InStep
 from helpers.rosless import Node, stand_in
 
 from collabslam import DataError, InputError, Settings, SettingsError, Slam
-from collabslam.cli.live_ros import configure, gyro_topic
+from collabslam.cli.live_ros import configure
 from collabslam.datasets.imu.beside import GyroGiven
 from collabslam.datasets.imu.description import MOUNTS
 from collabslam.geometry import pose
@@ -232,9 +232,9 @@ def test_a_topic_is_described_by_name_or_file() -> None:
     parser, words = ArgumentParser(), ["--cs", "/cs", "--cs-info", "/info"]
     configure(parser)
     asked = parser.parse_args([*words, "--gyro", "/imu", "--imu", "ros"])
-    topic = gyro_topic(asked)
+    topic = GyroTopic.asked(asked.gyro, asked.imu)
     assert topic is not None
     assert not topic.asks_tf
-    assert gyro_topic(parser.parse_args(words)) is None
-    with pytest.raises(SettingsError, match="give that"):
-        gyro_topic(parser.parse_args([*words, "--imu", "ros"]))
+    assert GyroTopic.asked(None, None) is None
+    with pytest.raises(SettingsError, match="--gyro TOPIC; give that"):
+        GyroTopic.asked(None, "ros")
