@@ -180,7 +180,7 @@ fn tests(c: &mut Criterion) {
         for n in [40, 100] {
             for wrong in [0, 1, 3, 10] {
                 let mut sway = Sway::new(mix(100, n, wrong, false), &[]);
-                let mut workspace = Workspace::new();
+                let mut workspace = Workspace::default();
                 let run = |sway: &mut Sway| {
                     sway.predict();
                     let z = sway.measure();

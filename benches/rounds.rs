@@ -72,7 +72,7 @@ fn step(features: usize, seen: usize, wrong: usize) -> Case {
 /// HOHCT on the S of a frame of a filter with 100 features, with the budget of the default settings.
 fn hohct(seen: usize, wrong: usize) -> Case {
     let mut sway = Sway::new(mix(100, seen, wrong), &[]);
-    let mut workspace = Workspace::new();
+    let mut workspace = Workspace::default();
     Box::new(move || {
         sway.predict();
         let z = sway.measure();
@@ -123,7 +123,7 @@ fn walk(features: usize) -> Case {
         let report = filter.update(&z).expect("valid measurements");
         let update = start.elapsed().as_nanos() as u64;
         let start = Instant::now();
-        let gone = filter.manage_map();
+        let gone = filter.manage_map(&[]);
         let upkeep = start.elapsed().as_nanos() as u64;
         corridor.learn(&report, &z);
         corridor.forget(&gone);

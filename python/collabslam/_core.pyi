@@ -3390,8 +3390,7 @@ def sample_templates(
     """
 
 def warp_patches(
-    camera_ref: Camera,
-    camera_now: Camera,
+    camera: Camera,
     patches: Sequence[Patch],
     t_wc: ArrayLike,
     points: ArrayLike,
@@ -3402,8 +3401,8 @@ def warp_patches(
 
     Parameters
     ----------
-    camera_ref, camera_now : Camera
-        The camera that captured the patches, and the one that looks now.
+    camera : Camera
+        The camera that captured the patches and that looks now.
     patches : sequence of N Patch
         See `collabslam.frontend.patch.Patch`.
     t_wc : (4, 4) float64

@@ -317,11 +317,11 @@ fn a_rho_that_crosses_zero_is_no_point_and_goes() {
             crossed = true;
             assert!(filter.predict_pixels().iter().all(|f| f.id != vague));
             assert!(filter.landmarks().iter().all(|l| l.id != vague));
-            assert!(filter.manage_map().contains(&vague));
+            assert!(filter.manage_map(&[]).contains(&vague));
             assert_eq!(rho(&filter), None);
             break;
         }
-        filter.manage_map();
+        filter.manage_map(&[]);
     }
     assert!(crossed, "rho never crossed zero: the test shows nothing");
 }

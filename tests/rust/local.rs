@@ -123,7 +123,7 @@ impl Pair {
                 filter.observe_candidates(&ids).unwrap();
             }
             if frame % 9 == 8 {
-                filter.manage_map();
+                filter.manage_map(&[]);
             }
             if frame % 31 == 30 {
                 // One in view, one that is not.

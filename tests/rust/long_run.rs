@@ -61,7 +61,7 @@ fn run(mode: &str, consistency: &str, steps: usize, seed: u64) -> (Filter, Traff
             known.remove(&id);
             traffic.deletions += 1;
         }
-        for id in filter.manage_map() {
+        for id in filter.manage_map(&[]) {
             known.remove(&id);
             traffic.deletions += 1;
         }

@@ -139,7 +139,7 @@ impl Pair {
                 self.reference.keep(&self.all_ids());
             }
             Call::Manage => {
-                self.filter.manage_map();
+                self.filter.manage_map(&[]);
                 self.reference.keep(&self.all_ids());
             }
         }

@@ -19,7 +19,7 @@ fn run(seed: u64, local: bool) -> Filter {
         let (z, points) = scene.measure(t, &known, frame % 10 == 0);
         let report = filter.update(&z).expect("good measurements");
         adopt(&mut known, &report, &points);
-        for id in filter.manage_map() {
+        for id in filter.manage_map(&[]) {
             known.remove(&id);
         }
     }

@@ -204,7 +204,7 @@ fn thorough() -> HohctSettings {
 #[test]
 fn hohct_equals_brute_force() {
     let mut rng = Pcg64::seed_from_u64(11);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let mut orders = [0; 6];
     for trial in 0..1500 {
         let n = rng.random_range(2..=9);
@@ -248,7 +248,7 @@ fn hohct_equals_brute_force() {
 #[test]
 fn hohct_equals_brute_force_on_frames() {
     let mut rng = Pcg64::seed_from_u64(18);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     for trial in 0..100 {
         let n = rng.random_range(9..=12);
         let wrong = rng.random_range(1..=4);
@@ -270,7 +270,7 @@ fn hohct_equals_brute_force_on_frames() {
 #[test]
 fn hohct_is_exact_on_frames_with_wrong_matches() {
     let mut rng = Pcg64::seed_from_u64(12);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     for (n, wrong, depth) in [
         (40, 0, false),
         (40, 1, false),
@@ -307,7 +307,7 @@ fn hohct_is_exact_on_frames_with_wrong_matches() {
 #[test]
 fn hohct_is_quiet_when_all_is_right() {
     let mut rng = Pcg64::seed_from_u64(13);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let trials = 400;
     let mut passed_at_once = 0;
     for _ in 0..trials {
@@ -334,7 +334,7 @@ fn hohct_finds_slips_at_the_true_sigma() {
         (8.0, 0.995, 0.98),
     ];
     let mut rng = Pcg64::seed_from_u64(27);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let trials = 400;
     for (slip, power, least) in expected {
         let (mut noticed, mut found) = (0, 0);
@@ -371,7 +371,7 @@ fn hohct_finds_slips_at_the_true_sigma() {
 #[test]
 fn budget_falls_back_to_greedy_and_says_so() {
     let mut rng = Pcg64::seed_from_u64(14);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let tight = HohctSettings {
         max_nodes: 1,
         ..thorough()
@@ -399,7 +399,7 @@ fn budget_falls_back_to_greedy_and_says_so() {
 fn a_large_budget_holds_hard_searches() {
     // At a low level right matches have to go as well, and many sets are about as good.
     let mut rng = Pcg64::seed_from_u64(21);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let all = HohctSettings {
         level: 0.55,
         ..thorough()
@@ -427,7 +427,7 @@ fn a_large_budget_holds_hard_searches() {
 
 #[test]
 fn hohct_edges() {
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let test = BatchTest::Hohct(thorough());
     let empty = Case::new(vec![0], DMatrix::identity(0, 0), DVector::zeros(0));
     let (verdict, rejected) = empty.run(test, &mut ws);
@@ -458,7 +458,7 @@ fn hohct_edges() {
 #[test]
 fn results_repeat_and_do_not_depend_on_the_workspace() {
     let mut rng = Pcg64::seed_from_u64(15);
-    let mut used = Workspace::new();
+    let mut used = Workspace::default();
     for trial in 0..24 {
         let case = frame_case(&mut rng, 10 + 2 * trial, trial / 6, trial % 2 == 0);
         for test in [
@@ -473,7 +473,7 @@ fn results_repeat_and_do_not_depend_on_the_workspace() {
         ] {
             assert_eq!(
                 case.run(test, &mut used),
-                case.run(test, &mut Workspace::new())
+                case.run(test, &mut Workspace::default())
             );
         }
     }
@@ -482,7 +482,7 @@ fn results_repeat_and_do_not_depend_on_the_workspace() {
 #[test]
 fn jcbb_finds_a_largest_compatible_set() {
     let mut rng = Pcg64::seed_from_u64(16);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     for trial in 0..400 {
         let n = rng.random_range(2..=8);
         let counts: Vec<usize> = (0..n).map(|_| rng.random_range(2..=3)).collect();
@@ -526,7 +526,7 @@ fn jcbb_finds_a_largest_compatible_set() {
 #[test]
 fn the_others_find_gross_errors_too() {
     let mut rng = Pcg64::seed_from_u64(17);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     for test in [
         BatchTest::Jcbb(JcbbSettings {
             max_nodes: 20_000,
@@ -577,7 +577,7 @@ fn conditional_by_definition(case: &Case, level: f64) -> Vec<usize> {
 #[test]
 fn conditional_gate_is_its_definition() {
     let mut rng = Pcg64::seed_from_u64(23);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let mut rejected_in_all = 0;
     for trial in 0..60 {
         let case = frame_case(&mut rng, 20, trial % 4, trial % 2 == 0);
@@ -597,7 +597,7 @@ fn conditional_gate_is_its_definition() {
 fn conditional_gate_sees_what_drowns_in_the_joint_test() {
     // 40 matches that err by a fifth of what they state, and one by six of the sigmas that the others leave it.
     let mut rng = Pcg64::seed_from_u64(29);
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     for _ in 0..20 {
         let mut case = frame_case(&mut rng, 40, 0, false);
         case.g *= 0.2;
@@ -614,7 +614,7 @@ fn conditional_gate_sees_what_drowns_in_the_joint_test() {
 
 #[test]
 fn conditional_gate_has_edges() {
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let none = conditional_gate(&[], 0, &[], Blocks::new(&[0]), 0.99, 0.5, &mut ws);
     assert!(none.passed && none.dof == 0);
     // More offenders than may go: it says so.
@@ -628,7 +628,7 @@ fn conditional_gate_has_edges() {
 
 #[test]
 fn individual_gate_and_no_gate() {
-    let mut ws = Workspace::new();
+    let mut ws = Workspace::default();
     let case = Case::new(
         vec![0, 2, 5],
         DMatrix::identity(5, 5) * 4.0,

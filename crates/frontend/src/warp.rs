@@ -113,13 +113,11 @@ pub struct Patch<'a> {
     pub inside: [Vector2<f64>; 2],
 }
 
-/// The views between which patches are warped.
+/// From where patches are looked at.
 #[derive(Clone, Copy, Debug)]
-pub struct Views<'a> {
-    /// The camera that captured them.
-    pub camera_ref: &'a Camera,
-    /// The one that looks now.
-    pub camera_now: &'a Camera,
+pub struct View<'a> {
+    /// The camera that captured them and that looks now.
+    pub camera: &'a Camera,
     /// Its pose, `T_WC`.
     pub pose: &'a Pose,
 }
@@ -131,14 +129,14 @@ impl Patch<'_> {
     /// `point` is the landmark in W; if it is not finite, only the rotation between the poses counts.
     pub fn template(
         &self,
-        views: &Views<'_>,
+        view: &View<'_>,
         point: &Vector3<f64>,
         side: usize,
         limits: &Limits,
         out: &mut Vec<u8>,
     ) -> Option<Matrix2<f64>> {
         let begin = out.len();
-        let affine = self.sampled(views, point, side, limits, out);
+        let affine = self.sampled(view, point, side, limits, out);
         if affine.is_none() {
             out.truncate(begin);
             out.resize(begin + side * side, 0);
@@ -148,15 +146,15 @@ impl Patch<'_> {
 
     fn sampled(
         &self,
-        views: &Views<'_>,
+        view: &View<'_>,
         point: &Vector3<f64>,
         side: usize,
         limits: &Limits,
         out: &mut Vec<u8>,
     ) -> Option<Matrix2<f64>> {
-        let back = views.pose.rotation.transpose();
+        let back = view.pose.rotation.transpose();
         let rotation = back * self.pose.rotation;
-        let translation = back * (self.pose.translation - views.pose.translation);
+        let translation = back * (self.pose.translation - view.pose.translation);
         let distance = (point - self.pose.translation).norm();
         let rho = if distance.is_finite() {
             1.0 / distance.max(NEAREST)
@@ -164,7 +162,7 @@ impl Patch<'_> {
             0.0
         };
         let motion = (&rotation, &translation);
-        let warp = affine_map(views.camera_ref, self.uv_ref, views.camera_now, motion, rho);
+        let warp = affine_map(view.camera, self.uv_ref, view.camera, motion, rho);
         let affine = warp.affine.filter(|affine| limits.allow(affine))?;
         let middle = 0.5 * (self.window.width() - 1) as f64;
         let local = self.uv_ref - self.uv_ref.map(f64::round_ties_even) + Vector2::repeat(middle);

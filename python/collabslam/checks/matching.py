@@ -69,11 +69,6 @@ def match_points(a: Points, b: Points) -> Matches:
     return Matches(a.uv[first].reshape(-1, 2), b.uv[second].reshape(-1, 2))
 
 
-def match_images(a: Image, b: Image) -> Matches:
-    """`match_points` of two images."""
-    return match_points(describe(a), describe(b))
-
-
 def epipolar_residuals(
     matches: Matches, camera_a: MirroredCamera | Camera, camera_b: MirroredCamera | Camera, t_ab: Array
 ) -> Array:

@@ -183,9 +183,9 @@ def of_stamped(found: Calibration, path: Path | str) -> Calibration:
     return found
 
 
-def load_unmasked(path: Path | str, name: str | None = None, topic: str = "") -> Camera:
+def load_unmasked(path: Path | str, topic: str = "") -> Camera:
     """As `load_camera`, where no mask can be used; raises DataError if the file names one."""
-    found = read_calibration(Path(path), name=name, topic=topic)
+    found = read_calibration(Path(path), topic=topic)
     if found.mask is not None:
         raise DataError(
             f"The calibration {path} names a mask, which a live run does not read; take the key "

@@ -64,11 +64,6 @@ def extent_of(samples: np.ndarray) -> Extent:
     return Extent(int(flat.max()), int(some[tail]), int(some[-1 - tail]))
 
 
-def stated_range(bits: int) -> Range:
-    """The range of images that say how many bits they use."""
-    return Range(0, bits)
-
-
 def common_range(extents: Iterable[Extent]) -> Range:
     """The range of all images but one in `_BRIGHTER`.
 

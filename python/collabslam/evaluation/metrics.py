@@ -128,38 +128,6 @@ def rpe(estimate: ArrayLike, truth: ArrayLike, *, step: int = 1) -> tuple[float,
     return float(translation), float(rotation)
 
 
-def scale_drift(
-    depth_true: ArrayLike,
-    depth_estimated: ArrayLike,
-    relative_sd: ArrayLike,
-    *,
-    max_relative_sd: float = 0.1,
-) -> float:
-    """Eq. 14: ``s = |1 - mean(d_i / d_hat_i)|`` over the features in view whose depth has converged.
-
-    Parameters
-    ----------
-    depth_true, depth_estimated : (N,) arrays
-        Metres.
-    relative_sd : (N,) array
-        ``sd(rho) / rho`` of each feature.
-    max_relative_sd : float
-        A feature counts below this (METHOD section 12).
-
-    Returns
-    -------
-    float
-        NaN if no feature counts.
-    """
-    d, d_hat, relative = (np.asarray(x, np.float64) for x in (depth_true, depth_estimated, relative_sd))
-    if not d.shape == d_hat.shape == relative.shape or d.ndim != 1:
-        raise InputError(
-            f"Depths have the shapes {d.shape}, {d_hat.shape}, {relative.shape}; give three arrays (N,)."
-        )
-    use = (relative < max_relative_sd) & (d_hat > 0.0)
-    return abs(1.0 - float((d[use] / d_hat[use]).mean())) if use.any() else float("nan")
-
-
 def _pose_pair(estimate: ArrayLike, truth: ArrayLike) -> tuple[Array, Array]:
     a, b = np.asarray(estimate, np.float64), np.asarray(truth, np.float64)
     if a.shape != b.shape or a.shape[1:] != (4, 4) or not len(a):

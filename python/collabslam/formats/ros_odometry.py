@@ -15,7 +15,6 @@ from collabslam.types import Array
 
 TOPIC, TRANSFORMS = "/collabslam/odometry", "/tf"
 MAP, WORLD, CAMERA = "collabslam_map", "collabslam_world", "collabslam_camera_optical"
-STORAGES = ("sqlite3", "mcap")
 _NANOSECONDS = 10**9
 
 

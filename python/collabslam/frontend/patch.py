@@ -109,14 +109,13 @@ def warp_templates(
     t_wc_now: Array,
     points_w: Array,
     settings: PatchSettings | None = None,
-    camera_now: Camera | None = None,
 ) -> WarpedPatches:
     """Templates as the patches are expected to look from another pose.
 
     Parameters
     ----------
     camera : Camera
-        The camera that captured the patches.
+        The camera that captured the patches and that looks now.
     patches : sequence of N Patch
     t_wc_now : (4, 4) float64
         Pose of the viewing camera: maps its points into W.
@@ -124,8 +123,6 @@ def warp_templates(
         Landmarks in W, metres; a row of NaN means that the depth is unknown, then only the rotation between
         the poses is applied.
     settings : PatchSettings, optional
-    camera_now : Camera, optional
-        The viewing camera; the capturing one unless given.
 
     Returns
     -------
@@ -134,7 +131,6 @@ def warp_templates(
     settings = settings or PatchSettings()
     return _core.warp_patches(
         camera,
-        camera_now or camera,
         patches,
         t_wc_now,
         points_w,

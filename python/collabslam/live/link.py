@@ -118,11 +118,6 @@ def open_device(address: Address, keys: Keys | None) -> Iterator[Any]:
         yield session
 
 
-def connected(session: Any) -> bool:
-    """Whether anybody is at the other end."""
-    return any(True for _ in session.info.peers_zid())
-
-
 def has_datagrams(session: Any) -> bool:
     """Whether what may be lost has a link of its own."""
     import zenoh

@@ -18,7 +18,7 @@ from collabslam.geometry import adjoint, pose, pose_inverse
 from collabslam.level import Level
 from collabslam.types import Array
 
-TF_ALL, TF_MAP, TF_NONE = TF_CHOICES = ("all", "map", "none")
+TF_ALL, TF_MAP, _ = TF_CHOICES = ("all", "map", "none")
 """Which links go to tf: map -> odom -> base; map -> odom alone, where wheels tell odom -> base; none."""
 
 

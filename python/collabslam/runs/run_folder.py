@@ -29,7 +29,6 @@ from collabslam.runs.results import (
     TRAJECTORY,
     WHOLE_MAP,
 )
-from collabslam.runs.worn_results import worn_files
 from collabslam.types import Array
 
 
@@ -62,10 +61,6 @@ class RunFolder:
     def level_landmarks(self) -> Landmarks:
         """The map at the end in the level world."""
         return read_ply(self.path / LEVEL_MAP)
-
-    def worn_trajectory(self, name: str = "") -> tuple[Array, Array, Array]:
-        """Of a person's worn camera: times of its views, ``T_WF``, covariances; "" is a single one's."""
-        return self._track(*worn_files(name))
 
     def _track(self, poses_in: str, covariances_in: str) -> tuple[Array, Array, Array]:
         times, poses = read_track(self.path / poses_in)

@@ -11,7 +11,7 @@ from collabslam.cli.engine_options import add_engine, engine_of
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    from collabslam.simulation.gyro import KINDS
+    from collabslam_lab.gyro.simulated import KINDS
 
     parser.add_argument("--quick", action="store_true", help="one world of each group, its first frames")
     parser.add_argument(

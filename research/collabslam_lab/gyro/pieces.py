@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from collabslam import Settings, Slam, run
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
 from collabslam.results import StepResult
-from collabslam.simulation.gyro import KINDS, SimulatedGyro, simulated_gyro
 from collabslam.types import Frame, ImuLog, Recording, Status
+from collabslam_lab.gyro.simulated import KINDS, SimulatedGyro, simulated_gyro
 from collabslam_lab.worlds import world_recording
 
 _SEED = 29

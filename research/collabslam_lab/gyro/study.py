@@ -13,8 +13,8 @@ import numpy as np
 from collabslam.batch.engines import LOCAL, Engine
 from collabslam.formats.files import write_text
 from collabslam.runs.results import jsonable
-from collabslam.simulation.gyro import RATE as SAMPLES_RATE
 from collabslam_lab.gyro.pieces import Piece, Score, parsed, ran
+from collabslam_lab.gyro.simulated import RATE as SAMPLES_RATE
 from collabslam_lab.kept import Task, kept
 from collabslam_lab.report import markdown_table
 from collabslam_lab.worlds import LIFE, SETS
@@ -57,7 +57,7 @@ def study_gyro(
     seeds : sequence of int, optional
         Of all noise; ten of them if left out, one if ``quick``.
     kind : str
-        Of the gyroscope, one of `collabslam.simulation.gyro.KINDS`.
+        Of the gyroscope, one of `collabslam_lab.gyro.simulated.KINDS`.
     jobs : int
         Processes at a time.
     quick : bool

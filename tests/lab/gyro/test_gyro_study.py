@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from collabslam.geometry import rotation_exp
-from collabslam.simulation.gyro import KINDS, R_CI, simulated_gyro, true_rates
 from collabslam_lab.gyro.pieces import Piece, Score
+from collabslam_lab.gyro.simulated import KINDS, R_CI, simulated_gyro, true_rates
 from collabslam_lab.gyro.study import summary, table, worlds_of
 
 TIMES = np.arange(0.0, 3.0, 0.1)

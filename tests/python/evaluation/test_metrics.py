@@ -98,12 +98,6 @@ def test_heading_wraps_and_orientation_is_an_angle() -> None:
     assert metrics.rotation_angles(g.se3_exp([0, 0, 0, 1e-9, 0, 0])[None, :3, :3])[0] == pytest.approx(1e-9)
 
 
-def test_scale_drift_counts_converged_features_only() -> None:
-    drift = metrics.scale_drift([2.0, 4.0, 9.0], [2.5, 5.0, 1.0], [0.05, 0.09, 0.3])
-    assert drift == pytest.approx(0.2)
-    assert math.isnan(metrics.scale_drift([2.0], [2.5], [0.5]))
-
-
 def test_overlap_metrics_equations_17_to_19() -> None:
     on = np.array([1, 1, 0, 0, 0, 1, 1, 1, 1, 0], bool)
     eta, mu = overlap.overlap_intervals(0.5 * np.arange(10), on)

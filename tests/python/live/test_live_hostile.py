@@ -16,7 +16,7 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("rosbags", reason="the extra live is not installed")
 pytest.importorskip("cryptography", reason="the extra live is not installed")
 
-from helpers.waiting import until
+from helpers.waiting import connected, until
 
 from collabslam import Camera
 from collabslam.live import link, messages, names, uplink
@@ -255,4 +255,4 @@ def test_a_thousand_connections_do_not_shut_a_device_out(
 
 
 def connects(session: Any) -> bool:
-    return until(lambda: link.connected(session))
+    return until(lambda: connected(session))

@@ -26,7 +26,7 @@ pytest.importorskip("cryptography", reason="the extra live is not installed")
 
 from helpers.driven import T_BC, Driven, wheels
 from helpers.in_step import Behind, InStep
-from helpers.waiting import LONGEST, until
+from helpers.waiting import LONGEST, connected, until
 
 from collabslam import DataError, Settings, SettingsError
 from collabslam.datasets import write_recording
@@ -94,7 +94,7 @@ def test_live_over_the_link_and_its_record_again(
         played.follow(node, "anna")
         robot = threading.Thread(target=lambda: summaries.append(node.run()))
         with link.open_device(address, Keys.read(folder / "anna")) as at_device:
-            assert until(lambda: link.connected(at_device))
+            assert until(lambda: connected(at_device))
             robot.start()
             assert clip.recording.worn_camera is not None
             camera = RecordingPlayback(recording)
@@ -166,7 +166,7 @@ def test_a_device_writes_its_own_keys_only(
     folder: Path, address: Address, robot: list[tuple[str, int]]
 ) -> None:
     with link.open_device(address, Keys.read(folder / "berta")) as session:
-        assert until(lambda: link.connected(session))
+        assert until(lambda: connected(session))
         others = [names.key("anna", names.IMAGE), names.POSE, names.STATUS, "collabslam/worn/anna"]
         below = ["anna/image", "another", "image/anna", "*", "**", "im$*"]
         others += [f"{names.WORN}/berta/{part}" for part in below] + [f"{names.WORN}/*/image"]
@@ -186,7 +186,7 @@ def test_a_device_neither_hears_nor_answers_for_another(
         link.open_device(address, Keys.read(folder / "anna")) as anna,
         link.open_device(address, Keys.read(folder / "berta")) as berta,
     ):
-        assert until(lambda: link.connected(anna) and link.connected(berta))
+        assert until(lambda: connected(anna) and connected(berta))
         kept = [
             berta.declare_subscriber(key, lambda sample: overheard.append(str(sample.key_expr)))
             for key in ("**", names.key("anna", names.IMAGE), names.ALL_WORN)
@@ -234,7 +234,7 @@ def test_a_message_that_is_too_large_does_not_arrive(
     folder: Path, address: Address, robot: list[tuple[str, int]]
 ) -> None:
     with link.open_device(address, Keys.read(folder / "anna")) as session:
-        assert until(lambda: link.connected(session))
+        assert until(lambda: connected(session))
         session.put(names.key("anna", names.IMAGE), bytes(link.LARGEST_PUT + 1000))
 
         def arrives() -> bool:
@@ -257,7 +257,7 @@ def test_a_foreign_certificate_and_none_are_refused(
                 key = names.key("berta", names.IMAGE)
                 heard = len(robot)
                 assert until(lambda w=welcome, k=key, n=heard: w.put(k, b"berta") or len(robot) > n)
-            assert not link.connected(session)
+            assert not connected(session)
             session.put(names.key("anna", names.IMAGE), b"x")
     assert {key for key, _ in robot} == {names.key("berta", names.IMAGE)}
 
@@ -271,15 +271,15 @@ def test_a_device_cannot_play_the_robot(address: Address, tmp_path: Path) -> Non
             link.open_robot(address, robot),
             link.open_device(Address("localhost", address.port), Keys.read(tmp_path / "anna")) as device,
         ):
-            assert until(lambda d=device: link.connected(d)) if is_found else not connects_soon(device)
+            assert until(lambda d=device: connected(d)) if is_found else not connects_soon(device)
 
 
 def connects_soon(session: Any) -> bool:
     """Within some tries."""
     until_then = time.monotonic() + 6 * link.RETRY_MS / 1e3
-    while time.monotonic() < until_then and not link.connected(session):
+    while time.monotonic() < until_then and not connected(session):
         time.sleep(0.05)
-    return link.connected(session)
+    return connected(session)
 
 
 def of_another(name: str) -> Callable[[Path], object]:
@@ -329,7 +329,7 @@ def test_without_keys_only_this_machine_is_served(address: Address) -> None:
     with pytest.raises(SettingsError, match="collabslam live keys"):
         link.keys_of(None, insecure=False)
     with link.open_robot(address, None), link.open_device(address, None) as session:
-        assert until(lambda: link.connected(session))
+        assert until(lambda: connected(session))
     with pytest.raises(DataError, match="lacks"):
         Keys.read(Path("nowhere"))
 

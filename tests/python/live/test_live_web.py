@@ -23,7 +23,7 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("cryptography", reason="the extra live is not installed")
 pytest.importorskip("websockets", reason="the extra live is not installed")
 
-from helpers.waiting import LONGEST, until
+from helpers.waiting import LONGEST, connected, until
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -80,7 +80,7 @@ def robot() -> Iterator[tuple[Robot, Gateway]]:
     with link.open_robot(address, None) as session, link.open_device(address, None) as device:
         robot = Robot(session)
         gateway = Gateway(device, "web", CAMERA)
-        assert until(lambda: link.connected(device))
+        assert until(lambda: connected(device))
         yield robot, gateway
 
 

@@ -8,7 +8,7 @@ import pytest
 from collabslam import Camera, Imu, InputError, Settings, SettingsError, Slam, Status
 from collabslam.geometry import pose_inverse
 from collabslam.settings.table import switches
-from collabslam.simulation.gyro import KINDS, simulated_gyro
+from collabslam_lab.gyro.simulated import KINDS, simulated_gyro
 from collabslam_lab.worlds import world_recording
 
 CAMERA = Camera("pinhole", 640, 480, (420.0, 420.0, 320.0, 240.0), [])

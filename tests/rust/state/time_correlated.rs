@@ -62,7 +62,7 @@ fn run(seed: u64, changes: &[(&str, Value)]) -> End {
         }
         let report = filter.update(&z).expect("good measurements");
         adopt(&mut known, &report, &points);
-        for id in filter.manage_map() {
+        for id in filter.manage_map(&[]) {
             known.remove(&id);
         }
     }

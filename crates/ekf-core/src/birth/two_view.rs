@@ -98,15 +98,6 @@ impl TwoView {
         })
     }
 
-    /// d rho / d(t, q) of the other view's pose, q its quaternion in C: the last 7 of METHOD 5's 11 parameters.
-    pub fn rho_by_pose(&self, q: &quat::Quat) -> SMatrix<f64, 1, 7> {
-        let mut j = SMatrix::<f64, 1, 7>::zeros();
-        j.fixed_view_mut::<1, 3>(0, 0).copy_from(&self.rho_by_t);
-        j.fixed_view_mut::<1, 4>(0, 3)
-            .copy_from(&(self.rho_by_ray * quat::rotate_jacobian(q, &self.other_ray)));
-        j
-    }
-
     /// d rho / d xi, xi the right tangent of the other view's pose.
     pub fn rho_by_tangent(&self) -> SMatrix<f64, 1, 6> {
         let mut j = SMatrix::<f64, 1, 6>::zeros();

@@ -37,11 +37,6 @@ pub(super) struct OnePointScratch {
 }
 
 impl Workspace {
-    /// An empty workspace; its buffers grow with the batches it sees.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Blocks that the last test rejected, in increasing order.
     pub fn rejected(&self) -> &[usize] {
         &self.rejected

@@ -86,7 +86,7 @@ impl PyFilter {
     #[pyo3(signature = (keep = None))]
     fn manage_map(&self, py: Python<'_>, keep: Option<Argument<'_>>) -> PyResult<Column<i64>> {
         let keep = keep.map_or_else(|| Ok(Vec::new()), |keep| ids("keep", &keep))?;
-        let gone = self.write(py, |f| Ok(f.manage_map_keeping(&keep)))?;
+        let gone = self.write(py, |f| Ok(f.manage_map(&keep)))?;
         Ok(to_ids(py, gone.into_iter().map(Some)))
     }
 

@@ -8,7 +8,7 @@ use crate::arrays_out::{Column, Grid, Stack, Table, column, stacked, to_template
 use crate::camera::PyCamera;
 use crate::errors::invalid;
 use crate::gate;
-use ::frontend::warp::{self, Patch, Views};
+use ::frontend::warp::{self, Patch, View};
 use nalgebra::{Matrix2, Vector2, Vector4};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::intern;
@@ -168,8 +168,8 @@ pub(crate) struct WarpedPatches {
 ///
 /// Parameters
 /// ----------
-/// camera_ref, camera_now : Camera
-///     The camera that captured the patches, and the one that looks now.
+/// camera : Camera
+///     The camera that captured the patches and that looks now.
 /// patches : sequence of N Patch
 ///     See `collabslam.frontend.patch.Patch`.
 /// t_wc : (4, 4) float64
@@ -189,11 +189,9 @@ pub(crate) struct WarpedPatches {
 /// InputError
 ///     If an argument has another type or shape.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "seven names in Python")]
 pub(crate) fn warp_patches(
     py: Python<'_>,
-    camera_ref: &PyCamera,
-    camera_now: &PyCamera,
+    camera: &PyCamera,
     patches: Vec<PatchArgument<'_>>,
     t_wc: Argument<'_>,
     points: Argument<'_>,
@@ -204,9 +202,8 @@ pub(crate) fn warp_patches(
     let (now, points) = (pose("t_wc", &t_wc)?, rows::<3>("points", &points)?);
     let (count, limits) = (patches.len(), limits.limits());
     same_length("points", count, points.len())?;
-    let views = Views {
-        camera_ref: &camera_ref.0,
-        camera_now: &camera_now.0,
+    let view = View {
+        camera: &camera.0,
         pose: &now,
     };
     let windows: Vec<_> = patches
@@ -228,7 +225,7 @@ pub(crate) fn warp_patches(
     let mut templates = Vec::with_capacity(count * size * size);
     let affine: Vec<_> = gate::compute(py, || {
         let seen = patches.iter().zip(&points);
-        seen.map(|(patch, point)| patch.template(&views, point, size, &limits, &mut templates))
+        seen.map(|(patch, point)| patch.template(&view, point, size, &limits, &mut templates))
             .collect()
     });
     Ok(WarpedPatches {

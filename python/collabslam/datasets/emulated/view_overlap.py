@@ -13,8 +13,8 @@ _PARALLAX = (np.deg2rad(3.0), np.deg2rad(20.0))
 _MOST_AXIS_ANGLE = np.deg2rad(35.0)
 
 
-def grid_points(camera: Camera, depths: tuple[float, ...] = DEPTHS) -> Array:
-    """Points (N, 3), metres in C, on the rays of a grid of pixels at each of the depths."""
+def grid_points(camera: Camera) -> Array:
+    """Points (N, 3), metres in C, on the rays of a grid of pixels at each of `DEPTHS`."""
     columns, rows = _GRID
     u = (np.arange(columns) + 0.5) * camera.width / columns - 0.5
     v = (np.arange(rows) + 0.5) * camera.height / rows - 0.5
@@ -22,7 +22,7 @@ def grid_points(camera: Camera, depths: tuple[float, ...] = DEPTHS) -> Array:
     rays = np.asarray(camera.unproject(uv), dtype=np.float64)
     rays = rays[rays[:, 2] > 1e-3]
     unit_depth = rays / rays[:, 2:]
-    return np.concatenate([depth * unit_depth for depth in depths])
+    return np.concatenate([depth * unit_depth for depth in DEPTHS])
 
 
 def view_overlap(points: Array, worn_camera: Camera, t_cf: Array) -> float:

@@ -58,12 +58,6 @@ def read_stamps(path: Path, video: Video) -> Array:
     return times
 
 
-def frame_size(path: Path) -> tuple[int, int]:
-    """(width, height) of a video's frames."""
-    video = VideoFile(path)
-    return video.width, video.height
-
-
 class Video:
     """Frames of a video by number; quickest in order (see `video_worker`).
 

@@ -466,14 +466,14 @@ fn births_wait_for_parallax_and_the_clone_waits_with_them() {
         .filter(|id| *id != keep)
         .collect();
     warm.filter.drop_candidates(&others);
-    warm.filter.manage_map();
+    warm.filter.manage_map(&[]);
     assert_eq!(
         (warm.filter.candidate_count(), clones(&warm.filter)),
         (1, 1)
     );
     let dim = warm.filter.state().mean().len();
     warm.filter.drop_candidates(&[keep]);
-    warm.filter.manage_map();
+    warm.filter.manage_map(&[]);
     assert_eq!(
         (warm.filter.candidate_count(), clones(&warm.filter)),
         (0, 0)

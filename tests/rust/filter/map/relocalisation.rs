@@ -438,7 +438,7 @@ fn a_frame_with_too_few_matches_changes_nothing() {
         assert!(!warm.filter.update(&z).unwrap().accepted);
     }
     // Searched in vain fifty times, and yet not failing.
-    assert!(warm.filter.manage_map().is_empty());
+    assert!(warm.filter.manage_map(&[]).is_empty());
     z.min_inliers = 5;
     assert!(warm.filter.update(&z).unwrap().accepted);
 }

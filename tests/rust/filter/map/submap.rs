@@ -90,7 +90,7 @@ fn the_way_since_a_submap_began_has_the_covariance_that_p_gives_it() {
 fn landmarks_are_taken_down_as_they_stand_to_the_camera() {
     let mut warm = warm(32, &[]);
     go_on(&mut warm, 20);
-    warm.filter.manage_map();
+    warm.filter.manage_map(&[]);
     let before = warm.filter.clone();
     let seen = ids(&before);
     let submap = warm.filter.end_submap(&seen).unwrap();
@@ -141,7 +141,7 @@ fn ending_submaps_changes_no_estimate() {
         }
         for warm in [&mut with, &mut without] {
             warm.update(false);
-            for id in warm.filter.manage_map() {
+            for id in warm.filter.manage_map(&[]) {
                 warm.known.remove(&id);
             }
             warm.next_frame();

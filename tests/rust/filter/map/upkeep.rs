@@ -55,7 +55,7 @@ fn is_deleted(searched: usize, found: usize) -> bool {
             usize::from(round < found)
         );
     }
-    let gone = warm.filter.manage_map();
+    let gone = warm.filter.manage_map(&[]);
     let deleted = warm.filter.state().layout().find(id).is_none();
     assert_eq!(gone, if deleted { vec![id] } else { vec![] });
     deleted
@@ -76,9 +76,9 @@ fn of_too_many_features_the_longest_unseen_go_but_those_to_keep() {
     let all: Vec<u64> = warm.known.keys().copied().collect();
     assert!(all.len() > 9, "{} features", all.len());
     let mut plain = warm.filter.clone();
-    let gone = plain.manage_map();
+    let gone = plain.manage_map(&[]);
     assert_eq!(gone.len(), all.len() - 8);
-    let kept = warm.filter.manage_map_keeping(&gone[..1]);
+    let kept = warm.filter.manage_map(&gone[..1]);
     assert_eq!(kept, gone[1..], "what is kept does not count");
     warm.filter.check().expect("sound");
 }

@@ -25,7 +25,7 @@ fn frame(warm: &mut Warm, k: usize) {
         let seen: Vec<u64> = warm.known.keys().copied().collect();
         warm.filter.end_submap(&seen).unwrap();
     }
-    for id in warm.filter.manage_map() {
+    for id in warm.filter.manage_map(&[]) {
         warm.known.remove(&id);
     }
 }

@@ -50,7 +50,7 @@ impl Walk {
             let seen: Vec<u64> = self.known.keys().copied().collect();
             self.filter.end_submap(&seen).expect("known");
         }
-        for id in self.filter.manage_map() {
+        for id in self.filter.manage_map(&[]) {
             self.known.remove(&id);
         }
         if k % 7 == 6
@@ -194,7 +194,7 @@ fn a_body_that_makes_no_filter_is_refused_or_one_that_works() {
         }
         let _ = filter.update(&z);
         let _ = filter.add_candidates(&[Vector2::new(100.0, 100.0)]);
-        filter.manage_map();
+        filter.manage_map(&[]);
         filter.landmarks();
     }
     assert!(

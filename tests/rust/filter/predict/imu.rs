@@ -114,7 +114,7 @@ impl Run {
         let (z, points) = self.scene.measure(t, &self.known, with_worn);
         let report = self.filter.update(&z).expect("good measurements");
         adopt(&mut self.known, &report, &points);
-        for id in self.filter.manage_map() {
+        for id in self.filter.manage_map(&[]) {
             self.known.remove(&id);
         }
     }

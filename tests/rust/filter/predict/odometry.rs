@@ -31,7 +31,7 @@ fn measure(
 ) -> UpdateReport {
     let report = filter.update(z).expect("good measurements");
     adopt(known, &report, points);
-    for id in filter.manage_map() {
+    for id in filter.manage_map(&[]) {
         known.remove(&id);
     }
     report

@@ -110,7 +110,7 @@ fn way(seed: u64, share: f64, goes_about: bool) -> End {
         worn.bias = Some(stated);
         let report = filter.update(&z).expect("good measurements");
         adopt(&mut known, &report, &points);
-        for id in filter.manage_map() {
+        for id in filter.manage_map(&[]) {
             known.remove(&id);
         }
     }

@@ -102,7 +102,7 @@ impl Draw {
         let (z, points) = self.measure(&self.known.clone());
         let report = self.filter.update(&z).expect("good measurements");
         adopt(&mut self.known, &report, &points);
-        for id in self.filter.manage_map() {
+        for id in self.filter.manage_map(&[]) {
             self.known.remove(&id);
         }
         self.filter.keep_pose(1.0);

@@ -105,7 +105,7 @@ fn run(seed: u64, clock: Clock, frames: usize, changes: &[(&str, Value)]) -> (f6
         }
         let report = warm.filter.update(&z).expect("good measurements");
         adopt(&mut warm.known, &report, &points);
-        for id in warm.filter.manage_map() {
+        for id in warm.filter.manage_map(&[]) {
             warm.known.remove(&id);
         }
         let (off, of_pose) = error(&warm);

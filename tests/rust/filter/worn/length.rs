@@ -40,7 +40,7 @@ fn way(seed: u64, length_sd: f64, (from, factor): (u32, f64), doubt: f64) -> End
         }
         let report = filter.update(&z).expect("good measurements");
         adopt(&mut known, &report, &points);
-        for id in filter.manage_map() {
+        for id in filter.manage_map(&[]) {
             known.remove(&id);
         }
     }

@@ -78,14 +78,10 @@ impl Filter {
     }
 
     /// Deletes features that keep failing or whose depth went wrong, the longest unseen beyond
-    /// `map.max_features`, candidates that are too old and clones that nobody needs. Returns the ids of deleted features.
-    pub fn manage_map(&mut self) -> Vec<u64> {
-        self.manage_map_keeping(&[])
-    }
-
-    /// As [`Self::manage_map`]; the features of `keep` are not too many, however long they were not seen, and do not count for
-    /// `map.max_features`. What keeps failing goes all the same.
-    pub fn manage_map_keeping(&mut self, keep: &[u64]) -> Vec<u64> {
+    /// `map.max_features`, candidates that are too old and clones that nobody needs. Returns the ids of deleted features. Those of
+    /// `keep` are not too many, however long they were not seen, and do not count for `map.max_features`; what keeps
+    /// failing goes all the same.
+    pub fn manage_map(&mut self, keep: &[u64]) -> Vec<u64> {
         let map = &self.setup.settings.map;
         let now = self.memory.time.unwrap_or(0.0);
         let mut gone: Vec<u64> = Vec::new();

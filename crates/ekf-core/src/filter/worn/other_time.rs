@@ -363,7 +363,7 @@ mod tests {
             "{times:?} at {now}"
         );
         assert!(times.len() <= 14, "{times:?}");
-        filter.manage_map();
+        filter.manage_map(&[]);
         assert_eq!(filter.kept_times().count(), times.len());
         for &t in &times {
             filter.kept_pose(t).expect("it is kept");
