@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Prediction, pose_inverse, rotation_log
+from collabslam.bound import Bound, bounds
 from collabslam.level import Level
 from collabslam.types import Array, Brief, Ids, Mask, Status
 
@@ -186,6 +187,17 @@ class StepResult:
             how = f"{worn.matches} matches" if worn.measured else "by T_CF alone, not by matches"
             lines.append(f"  worn camera{' ' if name else ''}{name}: {how}")
         return "\n".join(lines)
+
+    @property
+    def bound(self) -> Bound | None:
+        """What the error of ``pose`` stays below; docs/consistency.md has how often it did.
+
+        None unless ``status`` is OK and lengths are metres.
+        """
+        if self.status is not Status.OK or not self.metric:
+            return None
+        radius, angle = bounds(self.covariance[None])
+        return Bound(float(radius[0]), float(angle[0]))
 
     @property
     def t_map_odom(self) -> Array:

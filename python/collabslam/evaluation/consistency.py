@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collabslam._core import chi2_quantile
+from collabslam.bound import bounds
 from collabslam.errors import InputError
 from collabslam.evaluation.metrics import inverse
 from collabslam.geometry import rotation_log
@@ -105,3 +106,30 @@ def sigma_gate(sigmas: float, dof: int) -> float:
     """
     tail = math.erfc(sigmas / math.sqrt(2.0))
     return chi2_quantile(1.0 - tail, dof)
+
+
+def bound_kept(errors: ArrayLike, covariances: ArrayLike) -> tuple[float, float, float]:
+    """How poses keep to their bounds (`collabslam.bound`).
+
+    Parameters
+    ----------
+    errors : (N, 6) array
+        As of `pose_tangent_error`.
+    covariances : (N, 6, 6) array
+
+    Returns
+    -------
+    tuple of float
+        Share of the poses whose position or attitude is further off than its bound, by more than
+        `RESOLUTION`; root mean square bound over root mean square error of positions, and of attitudes.  NaN
+        if no row is finite.
+    """
+    e, p = np.asarray(errors, np.float64), np.asarray(covariances, np.float64)
+    good = np.isfinite(e).all(axis=1) & np.isfinite(p).all(axis=(1, 2))
+    if not good.any():
+        return (math.nan, math.nan, math.nan)
+    sizes = np.stack([np.linalg.norm(e[good, :3], axis=1), np.linalg.norm(e[good, 3:], axis=1)])
+    told = np.stack(bounds(p[good]))
+    exceeded = (sizes > told + RESOLUTION).any(axis=0)
+    wider = np.sqrt((told**2).mean(axis=1) / np.maximum((sizes**2).mean(axis=1), RESOLUTION**2))
+    return float(exceeded.mean()), float(wider[0]), float(wider[1])

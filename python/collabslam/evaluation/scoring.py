@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from collabslam.evaluation import headline, metrics, overlap
-from collabslam.evaluation.consistency import nees, nees_band, pose_tangent_error, sharpness, sigma_gate
+from collabslam.evaluation.consistency import (
+    bound_kept,
+    nees,
+    nees_band,
+    pose_tangent_error,
+    sharpness,
+    sigma_gate,
+)
 from collabslam.evaluation.record import RunRecord
 from collabslam.types import Array, Mask
 
@@ -46,6 +53,9 @@ METRIC_SCORES = (
     "nees_inside_share",
     "sharpness_position",
     "sharpness_attitude",
+    "bound_exceeded_share",
+    "bound_over_error_position",
+    "bound_over_error_attitude",
     "overhead_u",
     "overhead_u_per_path",
 )
@@ -147,7 +157,8 @@ def score(record: RunRecord, truth: Array | None, *, metric: bool = True) -> Sco
     path = metrics.path_length(np.asarray(truth)[: len(record)][aligned.known, :3, 3])
     out["path_length_m"], out["path_length_of"] = path, "truth"
     scores = _position_scores(record, aligned, path) | _orientation_scores(record, aligned)
-    scores |= _consistency_scores(record, aligned) | _overhead(record, aligned, path)
+    scores |= _consistency_scores(record, aligned) | _bound_scores(record, aligned)
+    scores |= _overhead(record, aligned, path)
     scores["false_ok_share"] = out["frames_false_ok"] / out["frames"]
     out.update({k: v for k, v in scores.items() if metric or k not in METRIC_SCORES})
     return _plain(out)
@@ -284,6 +295,19 @@ def _consistency_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
         "sharpness_attitude": sharpness(errors[:, 3:], covariances[:, 3:, 3:]),
         "nees_band_95": [low, high],
         "nees_inside_share": float(((whole >= low) & (whole <= high)).mean()) if len(whole) else None,
+    }
+
+
+def _bound_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
+    """How often the error of an OK pose is over its bound, and how many times the errors bounds are."""
+    use = aligned.known & (np.array(record.statuses, dtype=object) == "OK")
+    use[aligned.start] = False
+    errors = pose_tangent_error(*_pair(record, aligned))[use]
+    exceeded, position, attitude = bound_kept(errors, record.covariances[use])
+    return {
+        "bound_exceeded_share": exceeded,
+        "bound_over_error_position": position,
+        "bound_over_error_attitude": attitude,
     }
 
 

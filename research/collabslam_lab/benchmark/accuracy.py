@@ -72,7 +72,8 @@ _ERROR = (*_HEAD, "ATE, all frames, %", "with a pose, %", "ATE of these, %", "fr
           "false OK, %", "independent: ATE, all frames, %", "with a pose, %", "scale error, %",
           "features a frame", "frames", "target, px")  # fmt: skip
 _CONSISTENCY = (*_HEAD, "with a pose, %", "NEES position", "in its band", "NEES attitude", "in its band",
-            "error over sd: position", "attitude", "independent: NEES position", "attitude")  # fmt: skip
+            "error over sd: position", "attitude", "over the bound, %", "bound over error: position",
+            "attitude", "independent: NEES position", "attitude")  # fmt: skip
 _OTHERS = (*_HEAD, "ours, Sim(3), %", "with a pose, %", "other, Sim(3), %", "ratio", "other's poses",
            "system")  # fmt: skip
 
@@ -146,7 +147,9 @@ def _consistency_text() -> str:
         f"which share their images: the 95 % band is that of one draw, {low:.2f} to {high:.2f}. *yes*: "
         f"inside; *x{WITHIN:g}*: within a factor of {WITHIN:g} of it; *low* or *high*: outside. *error over "
         "sd*: root mean square error over the root mean square of the standard deviation that was claimed, 1 "
-        "is consistent; a covariance that is much too large in some frames shows here."
+        "is consistent; a covariance that is much too large in some frames shows here. *over the bound*: of "
+        "the frames that say OK, those further off than `StepResult.bound`, the mean over the seeds; *bound "
+        "over error*: how many times the error it is, root mean squares."
     )
 
 
@@ -174,9 +177,18 @@ def _consistency_cells(entry: Entry, mode: str, runs: list[Row], independent: li
         band_word(attitude, *band),
         number(median_of(runs, "sharpness_position"), 2),
         number(median_of(runs, "sharpness_attitude"), 2),
+        number(_mean_of(runs, "bound_exceeded_share"), 2, scale=100.0),
+        number(median_of(runs, "bound_over_error_position"), 1),
+        number(median_of(runs, "bound_over_error_attitude"), 1),
         number(median_of(independent, "nees_position"), 2),
         number(median_of(independent, "nees_attitude"), 2),
     ]
+
+
+def _mean_of(runs: Sequence[Row], name: str) -> float | None:
+    """What is rare would not show in a median."""
+    values = [float(run[name]) for run in runs if run.get(name) is not None]
+    return sum(values) / len(values) if values else None
 
 
 def _pooled(plan: Plan, rows: Sequence[Row]) -> list[str]:

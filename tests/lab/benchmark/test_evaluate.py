@@ -54,7 +54,9 @@ def row(name: str, mode: str, seed: int = 0, **numbers: Any) -> Row:
     base = {"recording": name, "mode": mode, "seed": seed, "bias_per_block": False, "status": "done",
             "independent": False, "ate_pct": 0.9,
             "ate_pct_all_frames": 1.0, "ate_alignment": "SE(3)", "coverage": 0.97, "ate_sim3_pct": 0.6,
-            "false_ok_share": 0.004, "sharpness_position": 1.1, "sharpness_attitude": 0.8, "ms_p99": 30.0,
+            "false_ok_share": 0.004, "sharpness_position": 1.1, "sharpness_attitude": 0.8,
+            "bound_exceeded_share": 0.0015, "bound_over_error_position": 5.0,
+            "bound_over_error_attitude": 6.0, "ms_p99": 30.0,
             "ms_max": 44.0, "avg_error_pct": 2.0, "ok_share": 0.98, "scale_error": 0.01,
             "nees_position": 4.0, "nees_attitude": 12.0, "frames_false_ok": 1, "frames": 150,
             "ms_per_frame": {"search": 3.0, "total": 20.0}, "features_per_frame": 50.0,
@@ -233,7 +235,10 @@ def test_pages_hold_medians_bands_and_ratios() -> None:
         "| walk | lag:0.2 | collab | 2.00 | 97.0 | 0.90 | 98.0 | 0.4 | 5.00 | 50.0 | 1.0 | 50.0 | 150 | - |"
     )
     assert cells in page
-    assert "| walk | lag:0.2 | collab | 97.0 | 4.00 | yes | 12.00 | x2 | 1.10 | 0.80 | 4.00 | 12.00 |" in page
+    assert (
+        "| walk | lag:0.2 | collab | 97.0 | 4.00 | yes | 12.00 | x2 | 1.10 | 0.80 | 0.15 | 5.0 | 6.0 | 4.00 | 12.00 |"
+        in page
+    )
     assert "| same | recorded | collab | 97.0 | 40.00 | high | 12.00 | x2 | 1.10 | 0.80 | - | - |" in page
     assert "| walk | lag:0.2 | collab | 0.60 | 97.0 | 0.50 | 1.20 | - | other |" in page
     assert "| walk | lag:0.2 | collab | 30.0 | 44.0 | - | 3.0 |" in page

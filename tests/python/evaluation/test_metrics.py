@@ -282,6 +282,28 @@ def test_consistency_is_told_apart_from_inflation(rng: np.random.Generator) -> N
     assert math.isnan(consistency.sharpness(np.full((1, 3), np.nan), consistent[:1]))
 
 
+def test_a_bound_is_five_sigma_of_the_worst_axis() -> None:
+    covariance = np.diag([0.01, 0.04, 0.01, 1e-4, 1e-4, 4e-4])
+    result = step_result(0.0, np.eye(4), covariance, {})
+    assert result.bound == pytest.approx((1.0, 0.1))
+    assert replace(result, covariance=1e6 * covariance).bound == pytest.approx((1000.0, np.pi))
+    for other in (replace(result, status=Status.DEGRADED), replace(result, metric=False)):
+        assert other.bound is None
+
+
+def test_who_exceeds_a_bound_is_counted() -> None:
+    covariance = np.tile(np.diag([0.01] * 3 + [1e-4] * 3), (4, 1, 1))
+    errors = np.zeros((4, 6))
+    errors[0, 0], errors[1, 4], errors[2, :2] = 0.6, 0.06, 0.4  # the last one together, not along an axis
+    errors[3] = np.nan
+    exceeded, position, attitude = consistency.bound_kept(errors, covariance)
+    assert exceeded == 1.0
+    assert position == pytest.approx(0.5 / math.sqrt((0.6**2 + 2 * 0.4**2) / 3))
+    assert attitude == pytest.approx(0.05 / math.sqrt(0.06**2 / 3))
+    assert consistency.bound_kept(errors[:1], 2.0 * covariance[:1])[0] == 0.0
+    assert all(math.isnan(n) for n in consistency.bound_kept(errors[3:], covariance[3:]))
+
+
 def test_the_slowest_frames() -> None:
     record = record_of(walk(50))
     record.seconds = [0.001 * k for k in range(50)]
