@@ -17,6 +17,8 @@ from collabslam.types import Array
 RESOLUTION = 1e-6
 """Metres and radians below which no truth is taken to be known: its square is added to every variance."""
 
+_FREEDOM = 4.0
+
 
 def pose_tangent_error(estimate: ArrayLike, truth: ArrayLike) -> Array:
     """Tangent error ``xi`` with ``T_true = T_hat Exp(xi)`` (METHOD section 1), (N, 6) metres and radians.
@@ -106,6 +108,33 @@ def sigma_gate(sigmas: float, dof: int) -> float:
     """
     tail = math.erfc(sigmas / math.sqrt(2.0))
     return chi2_quantile(1.0 - tail, dof)
+
+
+def log_score(errors: ArrayLike, covariances: ArrayLike) -> float:
+    """How likely errors are under their covariances, a mean of logarithms: higher is better.
+
+    Too wide a covariance costs as too narrow a one does.  Each is taken for that of a Student's t of four
+    degrees of freedom, so that few errors that no covariance foresees do not decide; a constant is left out.
+
+    Parameters
+    ----------
+    errors : (N, d) array
+    covariances : (N, d, d) array
+        `RESOLUTION` squared is added to the diagonal.
+
+    Returns
+    -------
+    float
+        NaN if no row is finite.
+    """
+    squared, p = nees(errors, covariances), np.asarray(covariances, np.float64)
+    good = np.isfinite(squared)
+    if not good.any():
+        return math.nan
+    d = p.shape[1]
+    _, volume = np.linalg.slogdet(p[good] + RESOLUTION**2 * np.eye(d))
+    tails = (_FREEDOM + d) * np.log1p(squared[good] / (_FREEDOM - 2.0))
+    return float(np.mean(-0.5 * (volume + tails)))
 
 
 def bound_kept(errors: ArrayLike, covariances: ArrayLike) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ import numpy as np
 from collabslam.evaluation import headline, metrics, overlap
 from collabslam.evaluation.consistency import (
     bound_kept,
+    log_score,
     nees,
     nees_band,
     pose_tangent_error,
@@ -53,6 +54,7 @@ METRIC_SCORES = (
     "nees_inside_share",
     "sharpness_position",
     "sharpness_attitude",
+    "log_score",
     "bound_exceeded_share",
     "bound_over_error_position",
     "bound_over_error_attitude",
@@ -287,12 +289,14 @@ def _consistency_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
     covariances = record.covariances[use]
     whole = nees(errors, covariances)
     low, high = nees_band(6)
+    parts = [(errors[:, part], covariances[:, part, part]) for part in (slice(3), slice(3, 6))]
     return {
         "nees_mean": _mean(whole),
         "nees_position": _mean(nees(errors[:, :3], covariances[:, :3, :3])),
         "nees_attitude": _mean(nees(errors[:, 3:], covariances[:, 3:, 3:])),
         "sharpness_position": sharpness(errors[:, :3], covariances[:, :3, :3]),
         "sharpness_attitude": sharpness(errors[:, 3:], covariances[:, 3:, 3:]),
+        "log_score": sum(log_score(*part) for part in parts),
         "nees_band_95": [low, high],
         "nees_inside_share": float(((whole >= low) & (whole <= high)).mean()) if len(whole) else None,
     }

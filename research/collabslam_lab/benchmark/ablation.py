@@ -26,8 +26,9 @@ _NUMBERS = (
 def lever_items(
     plan: Plan, data: Path, out: Path, present: Sequence[str], changes: Sequence[tuple[str, object]]
 ) -> list[Item]:
-    """Every lever on every recording that can show it, the unchanged runs first."""
+    """Every lever on every recording that can show it, the unchanged runs first where the plan has them."""
     ablation = plan.ablation
+    levers = {BASE: {}, **ablation.levers} if ablation.unchanged else ablation.levers
     items = []
     for entry in plan.recordings:
         modes = [mode for mode in ablation.modes if mode in entry.modes]
@@ -35,7 +36,7 @@ def lever_items(
             continue
         for seed in entry.seeds(ablation.seeds):
             for mode in modes:
-                for lever, changed in {BASE: {}, **ablation.levers}.items():
+                for lever, changed in levers.items():
                     merged = (*changes, *changed.items())
                     items.append(Item(entry, mode, seed, data, out, False, lever, merged))
     return items

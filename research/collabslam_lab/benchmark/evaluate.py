@@ -14,12 +14,13 @@ from collabslam.extras import drawing
 from collabslam.formats.files import write_text
 from collabslam.runs.results import write_summary
 from collabslam.version import version
-from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, overall
+from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, leave_one_out, overall
 from collabslam_lab.benchmark.figures import differences, medians, split
+from collabslam_lab.benchmark.leave_one_out import Candidates
 from collabslam_lab.benchmark.plan import Plan, find_plan
 from collabslam_lab.benchmark.running import estimate, outcome, run_items
 from collabslam_lab.benchmark.store import Item, Row
-from collabslam_lab.benchmark.studies import ABLATION, ACCURACY, BLACKOUT, DESCRIPTORS
+from collabslam_lab.benchmark.studies import ABLATION, ACCURACY, BLACKOUT, CHOOSE, DESCRIPTORS
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,8 @@ class Choice:
         Only say what there is to do.
     against : Path or None
         Result folder of an earlier evaluation to compare with, row by row.
+    candidates : Candidates or None
+        Values of a setting that recordings choose among, each one left out in turn, instead of a study.
     """
 
     plan: Path | None = None
@@ -63,6 +66,12 @@ class Choice:
     again: bool = False
     dry: bool = False
     against: Path | None = None
+    candidates: Candidates | None = None
+
+    @property
+    def has_levers(self) -> bool:
+        """Whether runs are those of the plan's levers, or of a setting's candidates in their place."""
+        return self.study == ABLATION or self.candidates is not None
 
 
 def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
@@ -122,18 +131,22 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
         for item in items:
             print(f"  {'to do' if item in todo else 'done '}  {item.title}")
         return []
-    levers = choice.study == ABLATION
-    name = ABLATION if levers else ACCURACY
+    name = CHOOSE if choice.candidates is not None else ABLATION if choice.has_levers else ACCURACY
     report = _Report(plan, items, missing, out / f"{name}.json")
     rows = run_items(items, jobs=choice.jobs, told=report.told, again=choice.again, engine=choice.engine)
     report.write(rows)
     how = command(choice)
-    text = ablation.page(plan, rows, how) if levers else accuracy.page(plan, rows, missing, how)
+    if choice.candidates is not None:
+        text = leave_one_out.page(plan, rows, choice.candidates, how)
+    elif choice.has_levers:
+        text = ablation.page(plan, rows, how)
+    else:
+        text = accuracy.page(plan, rows, missing, how)
     if before is not None:
         text += f"\n## Compared with {choice.against}\n\n{overall.compared(report.medians(rows), before)}\n"
     write_text(out / f"{name}.md", text)
     print("\n" + text)
-    if rows and not levers and drawing():
+    if rows and name == ACCURACY and drawing():
         from collabslam_lab.benchmark.pictures import plot_rows
 
         plot_rows(plan, rows, out / f"{name}.png")
@@ -148,6 +161,8 @@ def command(choice: Choice) -> str:
     words += ["--seeds", ",".join(map(str, choice.seeds))] if choice.seeds else []
     words += ["--modes", ",".join(choice.modes)] if choice.modes else []
     words += [] if choice.study is None else [f"--{choice.study}"]
+    if choice.candidates is not None:
+        words += ["--choose", f"{choice.candidates.key}={','.join(map(str, choice.candidates.values))}"]
     for key, value in choice.changes.items():
         words += ["--set", f"{key}={value}"]
     return " ".join(words)
@@ -177,12 +192,13 @@ def chosen(plan: Plan, choice: Choice) -> Plan:
         levers = replace(levers, seeds=tuple(choice.seeds))
     if choice.modes:
         levers = replace(levers, modes=tuple(choice.modes))
-    return replace(plan, recordings=tuple(entries), seeds=tuple(choice.seeds) or plan.seeds, ablation=levers)
+    plan = replace(plan, recordings=tuple(entries), seeds=tuple(choice.seeds) or plan.seeds, ablation=levers)
+    return plan if choice.candidates is None else choice.candidates.in_place_of_levers(plan)
 
 
 def _items(plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Choice) -> list[Item]:
     changes = tuple(choice.changes.items())
-    if choice.study == ABLATION:
+    if choice.has_levers:
         return ablation.lever_items(plan, data, out, present, changes)
     items = []
     for entry in plan.recordings:

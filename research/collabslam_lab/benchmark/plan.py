@@ -131,12 +131,15 @@ class Ablation:
     seeds, modes : tuple
     code : mapping
         By the name of a lever, the project's files that serve the rule that it takes away and nothing else.
+    unchanged : bool
+        Whether the runs with nothing changed belong to it.
     """
 
     levers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     seeds: tuple[int, ...] = (0, 1, 2)
     modes: tuple[str, ...] = ("collab",)
     code: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    unchanged: bool = True
 
 
 @dataclass(frozen=True)

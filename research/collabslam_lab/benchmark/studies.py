@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 ACCURACY, ABLATION, DESCRIPTORS, BLACKOUT = "evaluate", "ablation", "descriptors", "blackout"
+CHOOSE = "choose"
 
 STUDIES = {
     ABLATION: "the plan's levers, changed one at a time, instead",

@@ -7,7 +7,9 @@ from pathlib import Path
 
 from collabslam.cli import NOT_TRUSTED, OK, options
 from collabslam.cli.engine_options import add_engine, engine_of
+from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.modes import MODES
+from collabslam_lab.benchmark.leave_one_out import Candidates
 from collabslam_lab.benchmark.studies import STUDIES
 
 _PLAN = """\
@@ -57,6 +59,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     studies = parser.add_mutually_exclusive_group()
     for study, what in STUDIES.items():
         studies.add_argument(f"--{study}", dest="study", action="store_const", const=study, help=what)
+    studies.add_argument(
+        "--choose",
+        metavar="KEY=V,V,..",
+        type=_candidates,
+        help="which value of a setting the recordings choose, each one left out in turn, instead",
+    )
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("results/evaluate"), help=options.OUT_HELP
     )
@@ -89,12 +97,20 @@ def main(arguments: argparse.Namespace) -> int:
         again=arguments.again,
         dry=arguments.dry_run,
         against=arguments.against,
+        candidates=arguments.choose,
     )
     return NOT_TRUSTED if failed(evaluate(arguments.data, arguments.out, choice)) else OK
 
 
 def names(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def _candidates(text: str) -> Candidates:
+    key, _, values = text.partition("=")
+    if not key or len(names(values)) < 2:
+        raise argparse.ArgumentTypeError(f"'{text}' has no setting with two values; give KEY=V,V")
+    return Candidates(key, [load_yaml(value) for value in names(values)])
 
 
 def _modes(text: str) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from collabslam_lab.benchmark import (
     blackout,
     descriptors,
     figures,
+    leave_one_out,
     overall,
     pairs,
     replay,
@@ -33,6 +34,7 @@ from collabslam_lab.benchmark import (
 )
 from collabslam_lab.benchmark.evaluate import Choice, chosen, evaluate
 from collabslam_lab.benchmark.figures import NAMES
+from collabslam_lab.benchmark.leave_one_out import Candidates
 from collabslam_lab.benchmark.plan import find_plan, parse_plan
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.cli import main as lab
@@ -169,6 +171,28 @@ def test_a_changed_recording_or_option_is_another_run(place: Path, tmp_path: Pat
         ]
     }
     assert len(prints) == 5
+
+
+def test_a_constant_is_scored_as_the_other_recordings_choose_it(place: Path) -> None:
+    candidates = Candidates("filter.process.map_drift", (1, 2))
+    choice = Choice(only=("walk", "same"), modes=("collab",), candidates=candidates)
+    likes = {"walk": (5.0, 1.0), "same": (0.0, 2.0)}
+    rows = [row(name, "collab", seed, lever=str(value), log_score=scores[value - 1] + seed)
+            for name, scores in likes.items() for value in (1, 2) for seed in (0, 1)]  # fmt: skip
+    page = leave_one_out.page(chosen(find_plan(place, None), choice), rows, candidates)
+    assert "| walk | 5.50 | 1.50 | 2 | 4.00 |" in page
+    assert "| same | 0.50 | 2.50 | 1 | 2.00 |" in page
+    assert "| all | 3.00 | 2.00 | 1 |" in page
+
+
+def test_recordings_choose_by_running(place: Path, tmp_path: Path) -> None:
+    words = ["evaluate", str(place), "--only", "walk", "--modes", "collab", "--seeds", "0", "--jobs", "1"]
+    assert lab.main([*words, "--choose", "filter.pixel.sigma_cs=1,4", "--out", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "choose.json").read_text())["rows"]
+    assert [r["lever"] for r in found] == ["1", "4"]
+    assert found[0]["log_score"] != found[1]["log_score"]
+    with pytest.raises(SystemExit):
+        lab.main([*words, "--choose", "filter.pixel.sigma_cs=1"])
 
 
 def test_the_ablation_changes_one_lever_at_a_time(place: Path, tmp_path: Path) -> None:

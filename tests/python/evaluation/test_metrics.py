@@ -291,6 +291,14 @@ def test_a_bound_is_five_sigma_of_the_worst_axis() -> None:
         assert other.bound is None
 
 
+def test_a_covariance_as_wide_as_the_errors_scores_best(rng: np.random.Generator) -> None:
+    errors = rng.standard_t(4.0, (20_000, 3)) * math.sqrt(0.5)  # of unit variance
+    told = [np.tile(np.eye(3) * sd**2, (20_000, 1, 1)) for sd in (0.5, 1.0, 2.0)]
+    narrow, right, wide = (consistency.log_score(errors, covariance) for covariance in told)
+    assert right > max(narrow, wide) + 0.1
+    assert math.isnan(consistency.log_score(np.full((1, 3), np.nan), np.eye(3)[None]))
+
+
 def test_who_exceeds_a_bound_is_counted() -> None:
     covariance = np.tile(np.diag([0.01] * 3 + [1e-4] * 3), (4, 1, 1))
     errors = np.zeros((4, 6))
