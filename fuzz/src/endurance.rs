@@ -215,7 +215,7 @@ impl Scene {
             self.filter.remove_features(&[id]).map_err(text)?;
             self.points.remove(&id);
         }
-        for id in self.filter.manage_map() {
+        for id in self.filter.manage_map(&[]) {
             self.points.remove(&id);
         }
         if step.is_multiple_of(10) && self.points.len() + self.waiting.len() < FEATURES {

@@ -122,7 +122,7 @@ impl Life {
             }
             12 => ("remove_features", self.remove(bytes)),
             13 => {
-                self.filter.manage_map();
+                self.filter.manage_map(&[]);
                 ("manage_map", Ok(()))
             }
             14 => ("start_from_points, add_points", self.start(bytes)),

@@ -50,7 +50,7 @@ pub fn snapshot(bytes: &[u8]) -> Result<(), Broken> {
         ..Measurements::default()
     };
     let _ = filter.update(&z);
-    filter.manage_map();
+    filter.manage_map(&[]);
     Ok(())
 }
 
