@@ -18,13 +18,13 @@ from collabslam.slam.map.saved_map import SavedMap
 from collabslam.slam.parts import Parts
 from collabslam.slam.recovery.inactive_map import InactiveMap
 from collabslam.slam.state import check_camera, persistent_parts
-from collabslam.slam.submaps.chain import Submap
 from collabslam.slam.submaps.loop_search import Wanted
+from collabslam.slam.submaps.submap import Submap
 from collabslam.slam.worn.late_views import KeptFrame
 from collabslam.slam.worn.wearers import Heard
 from collabslam.types import Masks, Target, WornView
 
-KIND, VERSION = "engine state", 20
+KIND, VERSION = "engine state", 21
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
 _MASK = array("|b1", None, None)
 CLASSES = (Heard, KeptFrame, Loop, InactiveMap, Patch, Submap, Target, Wanted, WornView)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from collabslam import Camera
 from collabslam.simulation.recording import corridor_recording
 from collabslam.slam.engine import Slam
 from collabslam.types import Frame, Recording
@@ -28,8 +31,10 @@ class Endurance:
     Attributes
     ----------
     frames : int
+    memory_mb : float
+        Resident memory at the end, of a process that renders nothing; NaN where the system does not tell.
     memory_growth_mb : float
-        Resident memory at the end less that after a fifth of the frames; NaN where the system does not tell.
+        The same less that after a fifth of the frames.
     time_ratio : float
         Median processor time of a frame in the last fifth over that in the second.
     ok_share : float
@@ -41,6 +46,7 @@ class Endurance:
     """
 
     frames: int
+    memory_mb: float
     memory_growth_mb: float
     time_ratio: float
     ok_share: float
@@ -67,6 +73,32 @@ def looped(frames: list[Frame], k: int) -> Frame:
     return frames[place if place < len(frames) else period - place]
 
 
+@dataclass(frozen=True)
+class _Played:
+    """Frames of a walk, and the cameras that took them."""
+
+    camera: Camera
+    worn_camera: Camera | None
+    frames: list[Frame]
+
+    @classmethod
+    def of(cls, recording: Recording) -> _Played:
+        """The first `FORTH` of a recording."""
+        frames = [recording.frame(i) for i in range(min(FORTH, len(recording)))]
+        return cls(recording.camera, recording.worn_camera, frames)
+
+    @classmethod
+    def rendered(cls, seed: int) -> _Played:
+        """Those of the demo."""
+        return cls.of(corridor_recording(seed))
+
+    @classmethod
+    def rendered_elsewhere(cls, seed: int) -> _Played:
+        """The same; another process has rendered them, whose memory is its own."""
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+            return pool.submit(cls.rendered, seed).result()
+
+
 def endure_session(seconds: float, seed: int = 0, recording: Recording | None = None) -> Endurance:
     """Replays frames for so long a time of the recording's clock, at 10 frames a second.
 
@@ -78,10 +110,10 @@ def endure_session(seconds: float, seed: int = 0, recording: Recording | None = 
     recording : Recording, optional
         The demo if left out; its first `FORTH` frames are gone forth and back.
     """
-    recording = recording or corridor_recording(seed)
-    frames = [recording.frame(i) for i in range(min(FORTH, len(recording)))]
+    played = _Played.rendered_elsewhere(seed) if recording is None else _Played.of(recording)
+    frames = played.frames
     noise = np.random.Generator(np.random.PCG64((seed, 1)))
-    slam = Slam(recording.camera, recording.worn_camera, mode="collab", start="worn")
+    slam = Slam(played.camera, played.worn_camera, mode="collab", start="worn")
     count = max(10, round(seconds * RATE))
     cpu, ok, least, early = np.zeros(count), 0, np.inf, float("nan")
     for k in range(count):
@@ -97,10 +129,11 @@ def endure_session(seconds: float, seed: int = 0, recording: Recording | None = 
             least = min(least, slam.filter.soundness())
         if k == count // 5:
             early = resident_mb()
-    fifth = count // 5
+    fifth, late = count // 5, resident_mb()
     return Endurance(
         frames=count,
-        memory_growth_mb=resident_mb() - early,
+        memory_mb=late,
+        memory_growth_mb=late - early,
         time_ratio=float(np.median(cpu[-fifth:]) / np.median(cpu[fifth : 2 * fifth])),
         ok_share=ok / count,
         least_eigenvalue=float(least),

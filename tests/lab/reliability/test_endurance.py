@@ -25,6 +25,7 @@ def test_a_session_stays_sound() -> None:
     assert shown.sound
     assert shown.ok_share > 0.8  # at both ends of the walk the camera turns back within a frame
     assert shown.memory_growth_mb < 50.0 or math.isnan(shown.memory_growth_mb)
+    assert shown.memory_mb >= shown.memory_growth_mb or math.isnan(shown.memory_mb)
 
 
 def test_engines_that_are_dropped_leave_little() -> None:

@@ -19,11 +19,12 @@ from collabslam.frontend.patch import Patch
 from collabslam.frontend.place_recognition import describe_views
 from collabslam.results import Loop
 from collabslam.slam.state import PATCH, check_camera
-from collabslam.slam.submaps.chain import Chain, Submap, check_chain
+from collabslam.slam.submaps.chain import Chain, check_chain
+from collabslam.slam.submaps.submap import Submap
 from collabslam.slam.targets.in_map import check_targets
 from collabslam.types import Array, Ids
 
-KIND, VERSION = "map", 6
+KIND, VERSION = "map", 7
 CLASSES = (Loop, Patch, Submap)
 """Dataclasses that are in it."""
 CONTENT = fields(

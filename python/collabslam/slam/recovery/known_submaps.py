@@ -17,7 +17,8 @@ from collabslam.slam.map_change import Recovered
 from collabslam.slam.recovery.inactive_map import InactiveMap
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.state import PersistentState
-from collabslam.slam.submaps.chain import Chain, Submap
+from collabslam.slam.submaps.chain import Chain
+from collabslam.slam.submaps.submap import Submap
 from collabslam.slam.submaps.submaps import Submaps
 from collabslam.slam.view import View
 

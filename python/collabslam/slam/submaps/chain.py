@@ -13,82 +13,13 @@ from numpy.typing import NDArray
 
 from collabslam._core import LAST_TIME, Edge, Factor, PoseGraph, adjoint, pose_inverse
 from collabslam.errors import FilterError
-from collabslam.formats.schema import array, covariance, fields, instance, items, number, pose, refuse, whole
-from collabslam.frontend.patch import Patch
+from collabslam.formats.schema import array, fields, instance, items, number, pose, refuse, whole
 from collabslam.results import Loop
-from collabslam.slam.state import PATCH
-from collabslam.types import Array, Ids, Indices
+from collabslam.slam.submaps.submap import Submap, check_submap
+from collabslam.types import Array, Ids
 
 RECALLED = 1000
 """Latest submaps that can be recognised; of earlier ones the pose is kept, and what was measured of it."""
-
-
-@dataclass(frozen=True)
-class Submap:
-    """What is kept of a submap: its landmarks as they stood to the camera where it ended.
-
-    Attributes
-    ----------
-    t : float
-        When it ended, seconds.
-    pose, pose_covariance : (4, 4), (6, 6) float64
-        T_WC there as the filter had it, and its covariance.
-    ids : (N,) int64
-    points : (N, 3) float64
-        Metres, in the frame of the camera.
-    covariance, with_transferred, transferred : (3 N, 3 N), (3 N, K), (K, K) float64
-        See `_core.Submap`; runs with different numbers of worn cameras differ in K.
-    patches : list of N Patch
-        Of the image there.
-    descriptors : (N, 128) float32
-        Of the patches; (0, 128) until the search that follows the submap's end is done.
-    used : (N,) bool
-        Landmarks that a loop rests on: each tells what it knows once.
-    """
-
-    t: float
-    pose: Array
-    pose_covariance: Array
-    ids: Ids
-    points: Array
-    covariance: Array
-    with_transferred: Array
-    transferred: Array
-    patches: list[Patch]
-    descriptors: NDArray[np.float32]
-    used: NDArray[np.bool_]
-
-    @property
-    def described(self) -> bool:
-        """Whether it can be recognised."""
-        return len(self.descriptors) == len(self.ids)
-
-    def of_landmarks(self, which: Indices, patches: list[Patch], descriptors: NDArray[np.float32]) -> Submap:
-        """With some of its landmarks, and these views of them."""
-        rows = (3 * which[:, None] + np.arange(3)).ravel()
-        return replace(
-            self,
-            ids=self.ids[which],
-            points=self.points[which],
-            covariance=self.covariance[np.ix_(rows, rows)],
-            with_transferred=self.with_transferred[rows],
-            patches=patches,
-            descriptors=descriptors,
-            used=self.used[which],
-        )
-
-    def without_landmarks(self) -> Submap:
-        """Its pose alone."""
-        return replace(
-            self,
-            ids=self.ids[:0],
-            points=np.empty((0, 3)),
-            covariance=np.empty((0, 0)),
-            with_transferred=self.with_transferred[:0],
-            patches=[],
-            descriptors=self.descriptors[:0],
-            used=self.used[:0],
-        )
 
 
 @dataclass(frozen=True)
@@ -242,31 +173,6 @@ class Chain:
         return cls(list(state["submaps"]), factors, list(state["loops"]), state["poses"], transferred)
 
 
-def _check_submap(value: Any, where: str) -> None:
-    """A `Submap` whose parts fit together."""
-    sizes = instance(
-        Submap,
-        ids=array("<i8", None),
-        descriptors=array("<f4", None, 128),
-        transferred=covariance(None),
-    )
-    sizes(value, where)
-    n = len(value.ids)
-    instance(
-        Submap,
-        t=number(-LAST_TIME, LAST_TIME),
-        pose=pose,
-        pose_covariance=covariance(6),
-        points=array("<f8", n, 3),
-        covariance=covariance(3 * n),
-        with_transferred=array("<f8", 3 * n, len(value.transferred)),
-        patches=items(PATCH, n),
-        used=array("|b1", n),
-    )(value, where)
-    if len(value.descriptors) and not value.described:
-        refuse(where, "a submap with a descriptor of each landmark")
-
-
 _LOOP = instance(
     Loop,
     first=whole(0),
@@ -279,7 +185,7 @@ _LOOP = instance(
     chi2=number(),
 )
 _FIELDS = fields(
-    submaps=items(_check_submap),
+    submaps=items(check_submap),
     factors=items(
         fields(
             first=whole(-1),

@@ -34,7 +34,8 @@ from collabslam.frontend.place_recognition import (
 )
 from collabslam.results import Loop
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.slam.submaps.chain import Chain, Submap
+from collabslam.slam.submaps.chain import Chain
+from collabslam.slam.submaps.submap import Submap
 from collabslam.types import Ids, Image
 
 CANDIDATES = 2
@@ -155,7 +156,8 @@ class LoopSearch:
     def _located(self, chain: Chain, wanted: Wanted, first: int, fresh: Ids) -> Fix | None:
         """Where in the submap the camera is, by the patches of its landmarks."""
         submap = chain.submaps[first]
-        views = MapViews.of(submap.points[fresh], [[submap.patches[i]] for i in fresh])
+        patches = submap.patches
+        views = MapViews.of(submap.points[fresh], [[patches[i]] for i in fresh])
         expected = pose_inverse(chain.poses[first]) @ chain.poses[-1]
         descriptors = submap.descriptors[fresh]
         where = expected, (0.0,), self._options

@@ -36,13 +36,14 @@ from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
 from collabslam.slam.submaps.background_task import BackgroundTask
-from collabslam.slam.submaps.chain import Chain, Submap, check_chain
+from collabslam.slam.submaps.chain import Chain, check_chain
 from collabslam.slam.submaps.loop_search import Answer, LoopSearch, Wanted
+from collabslam.slam.submaps.submap import Submap
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids
 
 LANDMARKS = 40
-"""Most landmarks that are taken down of a submap: 0.2 MB with their covariance and patches."""
+"""Most landmarks that are taken down of a submap: 0.16 MB with their covariance and patches."""
 LEAST_FRAMES = 10
 """From the end of one submap to what is found of it, and to the end of the next at least."""
 STILL_SEEN = 0.5
@@ -187,19 +188,7 @@ class Submaps(PersistentState):
         order = np.argsort(seen.ids)[:LANDMARKS]  # those known longest
         made = self._core.end_submap(seen.ids[order])
         patches = capture(view.image, seen.uv[order][np.isin(seen.ids[order], made.ids)], np.eye(4))
-        submap = Submap(
-            view.t,
-            made.pose,
-            made.pose_covariance,
-            made.ids,
-            made.points,
-            made.covariance,
-            made.with_transferred,
-            made.transferred,
-            patches,
-            np.empty((0, 128), np.float32),
-            np.zeros(len(made.ids), dtype=bool),
-        )
+        submap = Submap.taken_down(view.t, made, patches)
         if self._posed_node is not None:
             as_filter_has_it = made.pose, made.pose_covariance, made.transferred
             self._posed_node = self._onward(self._posed_node, made.edge, *as_filter_has_it)

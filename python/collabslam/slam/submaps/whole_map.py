@@ -7,7 +7,8 @@ import numpy as np
 from collabslam._core import PosedNode, skew
 from collabslam.errors import FilterError
 from collabslam.results import Landmarks, SubmapPoses
-from collabslam.slam.submaps.chain import Chain, Submap
+from collabslam.slam.submaps.chain import Chain
+from collabslam.slam.submaps.submap import Submap
 from collabslam.types import Array
 
 _SPOILT = "What a submap transferred has a singular covariance; start a new map."
