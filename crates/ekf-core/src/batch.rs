@@ -365,7 +365,7 @@ impl Workspace {
             return;
         }
         state.camera_moved();
-        state.consider(&mut self.considered);
+        state.consider(learned, &mut self.considered);
         let (n, moved) = (state.p.stored().n, &self.moved);
         for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
             *x += moved[slot];

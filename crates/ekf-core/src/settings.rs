@@ -337,6 +337,12 @@ impl CalibrationSettings {
         self.readout_sd < UNTOLD_READOUT.1
     }
 
+    /// Where the readout lies of which nothing is told at all; `None` where something is.
+    pub(crate) fn possible_readouts(&self) -> Option<(f64, f64)> {
+        let untold = (self.readout, self.readout_sd) == UNTOLD_READOUT;
+        untold.then_some((0.0, 2.0 * UNTOLD_READOUT.0))
+    }
+
     /// Covariance of the calibration's error, in the order of the camera's `warp_jacobian`;
     /// `None` where it is exact.
     pub fn covariance(&self) -> Option<Matrix6<f64>> {

@@ -263,6 +263,7 @@ impl Filter {
         }
         if report.dof > 0 {
             self.memory.moved_by = self.workspace.batch.moved_by();
+            self.keep_readout_possible(&mut scratch.learned);
         }
         let scales = self.considered_scales();
         let followed = self.memory.followed.ids();

@@ -30,9 +30,14 @@ pub(crate) struct Learned {
 impl Learned {
     /// All that the update says of one number.
     pub(crate) fn number(&mut self, offset: usize) {
-        let mut whole = Matrix6::zeros();
-        whole[(0, 0)] = 1.0;
-        self.of.push((offset, whole));
+        self.share(offset, 1.0);
+    }
+
+    /// A share of what the update says of one number.
+    pub(crate) fn share(&mut self, offset: usize, share: f64) {
+        let mut part = Matrix6::zeros();
+        part[(0, 0)] = share;
+        self.of.push((offset, part));
     }
 
     fn by(&self, offset: usize) -> Option<&Matrix6<f64>> {
@@ -48,14 +53,14 @@ impl State {
         block.map(|b| b.offset)
     }
 
-    /// Lists what is considered, before an update.
-    pub(crate) fn consider(&self, out: &mut Considered) {
+    /// Lists what is considered, before an update, and what else it may not tell wholly.
+    pub(crate) fn consider(&self, learned: &Learned, out: &mut Considered) {
         out.blocks.clear();
         out.covariances.clear();
         out.modes.clear();
         let modes = self.error_modes();
         for block in self.layout.blocks() {
-            if !block.kind.is_considered() {
+            if !block.kind.is_considered() && learned.by(block.offset).is_none() {
                 continue;
             }
             out.blocks.push((*block, self.numbers(block)));

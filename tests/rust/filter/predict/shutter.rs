@@ -78,6 +78,21 @@ fn a_readout_of_which_little_is_told_is_found() {
 }
 
 #[test]
+fn a_readout_of_which_nothing_is_told_stays_within_its_range() {
+    let untold = Settings::default().calibration;
+    let longest = 2.0 * untold.readout;
+    assert!((longest - 1.0 / 30.0).abs() < 1e-15 && longest < READOUT);
+    for seed in 0..2 {
+        let (filter, _) = run(seed, untold.readout, untold.readout_sd);
+        let (readout, sd) = filter.readout().expect("it may roll");
+        assert!(
+            (0.95 * longest..=longest + 1e-12).contains(&readout),
+            "seed {seed}: {readout} +- {sd}"
+        );
+    }
+}
+
+#[test]
 fn a_readout_that_is_told_or_uncertain_is_in_the_covariance() {
     let (believed, uncertain, known) = (nees(0.0, 0.0), nees(0.05, 0.03), nees(READOUT, 0.001));
     assert!(

@@ -3,6 +3,7 @@
 use crate::filter::ekf::Filter;
 use crate::observe::Shutter;
 use crate::observe::shutter::{MOTION_DIM, Unrolled};
+use crate::state::Learned;
 use nalgebra::{SMatrix, Vector2};
 
 impl Filter {
@@ -31,6 +32,22 @@ impl Filter {
             turning: self.memory.state.angular_velocity(),
             is_speed_known: !self.workspace.found_again,
         })
+    }
+
+    /// Has the update at hand take a readout of which nothing is told to the end of its range at most: from there on it is
+    /// considered, and what its images cannot owe to it moves the camera.
+    pub(crate) fn keep_readout_possible(&self, learned: &mut Learned) {
+        let state = &self.memory.state;
+        let possible = self.setup.settings.calibration.possible_readouts();
+        let Some(((least, most), block)) = possible.zip(state.readout_block()) else {
+            return;
+        };
+        let slot = state.p.stored().slots[block.offset];
+        let (now, moved) = (state.x[block.offset], self.workspace.batch.moved_at(slot));
+        let left = if moved < 0.0 { least - now } else { most - now };
+        if moved.abs() > left.abs() {
+            learned.share(block.offset, left / moved);
+        }
     }
 
     /// A pixel of the present view without the shutter's rolling; `rho` is the inverse range of its point, 1/m.
