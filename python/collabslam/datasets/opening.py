@@ -12,7 +12,7 @@ from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.frame_poses import poses_of_frames
 from collabslam.datasets.images import list_images, single_image
-from collabslam.datasets.imu.beside import GyroGiven, WornGyroGiven, imu_log
+from collabslam.datasets.imu.beside import GyroGiven, Whose, WornGyroGiven, imu_log
 from collabslam.datasets.imu.worn import with_worn_rates
 from collabslam.datasets.masks import masks_beside
 from collabslam.datasets.odometry import OdometryGiven, check_covers, read_odometry
@@ -263,15 +263,9 @@ def open_given(path: Path, given: Given) -> DiskRecording:
 
 def _with_gyro(path: Path, recording: DiskRecording, given: Given) -> DiskRecording:
     """With the samples of the gyroscope that goes with it, if one does."""
-    log = imu_log(
-        path,
-        recording.times,
-        recording.camera,
-        given.gyro,
-        calibration=given.camera,
-        topics=given.topics,
-        worn=None if given.worn_gyro is None else given.worn_gyro.source,
-    )
+    worn = None if given.worn_gyro is None else given.worn_gyro.source
+    whose = Whose.cs(path, given.camera, not_topic=worn)
+    log = imu_log(path, recording.times, recording.camera, given.gyro, whose, given.topics)
     return recording if log is None else replace(recording, imu=log)
 
 

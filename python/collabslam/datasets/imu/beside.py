@@ -63,137 +63,130 @@ class WornGyroGiven(GyroGiven):
     """The same of the only worn camera's own gyroscope, along the axes of Cf unless ``imu`` tells others."""
 
 
+@dataclass(frozen=True)
+class Whose:
+    """Whose gyroscope is asked for.
+
+    Attributes
+    ----------
+    role : str
+        Of its camera's images among the topics of a bag: ``cs`` or ``cf``.
+    gyro, imu : str
+        The options that give it.
+    folders : tuple of Path
+        Where the recording may have it, in EuRoC's layout.
+    calibration : Path or None
+        A calibration of the camera that is given, which may tell of the sensor, too.
+    cameras : tuple of Path
+        Files that tell how the camera sits in EuRoC's body.
+    not_topic : str or None
+        A topic of a bag that is another one's.
+    """
+
+    role: str
+    gyro: str
+    imu: str
+    folders: tuple[Path, ...]
+    calibration: Path | None = None
+    cameras: tuple[Path, ...] = ()
+    not_topic: str | None = None
+
+    @classmethod
+    def cs(cls, path: Path, calibration: Path | None, not_topic: str | None) -> Whose:
+        """That of Cs."""
+        places = path, path / "mav0"
+        own = tuple(place / "cam0" / "sensor.yaml" for place in places)
+        cameras = own if calibration is None else (calibration, *own)
+        folders = tuple(place / FOLDER for place in places)
+        return cls("cs", "--gyro", "--imu", folders, calibration, cameras, not_topic)
+
+    @classmethod
+    def cf(cls, folder: Path) -> Whose:
+        """A worn camera's own; EuRoC's T_BS tells nothing of it."""
+        return cls("cf", "--worn-gyro", "--worn-imu", (folder,))
+
+
 def imu_log(
     path: Path,
     times: Array,
     camera: Camera,
     given: GyroGiven | None,
-    *,
-    calibration: Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    worn: str | None = None,
-) -> ImuLog | None:
-    """The samples that go with a recording; None where it has none, or none are wanted.
-
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    times : (N,) array
-        Of its frames, seconds.
-    camera : Camera
-        Cs.
-    given : GyroGiven or None
-    calibration : Path, optional
-        A calibration of Cs that is given, which may tell of the sensor, too.
-    topics : mapping, optional
-        Topics of a bag by role.
-    worn : str, optional
-        The topic of Cf's own gyroscope, which is not that of Cs.
-
-    Raises
-    ------
-    DataError
-        If what is given cannot be used, or shares no time with the frames.
-    """
-    given = given or GyroGiven()
-    if given.source == NONE:
-        return None
-    told = given.description()
-    if calibration is not None:
-        told = told.over(of_camera_file(calibration))
-    if given.source is None:
-        own = path / FOLDER, path / "mav0" / FOLDER
-        folder = next((f for f in own if (f / "data.csv").is_file()), None)
-        if folder is not None:
-            return _of_folder(folder, path, times, told, calibration, asked=False)
-        topic = only_topic(path, worn) if is_bag(path) else None
-        if topic is not None:
-            told = _placed(told, path, calibration)
-            return _of_topic(path, topic, times, told, topics or {}, "cs", asked=False)
-        if given.imu is not None:
-            raise DataError(f"{path} has no gyroscope that --imu could tell of; give --gyro FILE|TOPIC.")
-        return None
-    file = Path(given.source)
-    folder = file if file.is_dir() else file.parent
-    if (folder / "data.csv").is_file() and (folder / "sensor.yaml").is_file():
-        return _of_folder(folder, path, times, told, calibration, asked=True)
-    return named_log(path, given.source, times, camera, _placed(told, path, calibration), topics or {}, "cs")
-
-
-def worn_imu_log(
-    path: Path,
-    times: Array,
-    camera: Camera,
-    given: GyroGiven,
-    folder: Path,
-    *,
+    whose: Whose,
     topics: Mapping[str, str],
 ) -> ImuLog | None:
-    """The samples of a worn camera's own gyroscope, as `imu_log` gives those of Cs, along the axes of F.
+    """The samples that go with a camera's images; None where it has none, or none are wanted.
 
     Parameters
     ----------
     path : Path
         The recording.
     times : (N,) array
-        Of the camera's views, seconds.
+        Of the images, seconds.
     camera : Camera
-        Cf.
-    given : GyroGiven
-    folder : Path
-        Where the recording has its own, if it has.
+    given : GyroGiven or None
+    whose : Whose
     topics : mapping
         Topics of a bag by role.
 
     Raises
     ------
     DataError
-        As `imu_log`; T_BS of EuRoC tells nothing here.
+        If what is given cannot be used, or shares no time with the images.
     """
+    given = given or GyroGiven()
     if given.source == NONE:
         return None
-    told = replace(given.description(), t_bs=None)
+    told = given.description()
+    if whose.calibration is not None:
+        told = told.over(of_camera_file(whose.calibration))
     if given.source is not None:
-        return named_log(path, given.source, times, camera, told, topics, "cf")
-    if (folder / "data.csv").is_file():
-        return _of_folder(folder, path, times, told, None, asked=False)
+        return _named(path, given.source, times, camera, told, whose, topics)
+    folder = next((f for f in whose.folders if (f / "data.csv").is_file()), None)
+    if folder is not None:
+        return _of_folder(folder, path, times, told, whose, asked=False)
+    topic = only_topic(path, whose.not_topic) if whose.role == "cs" and is_bag(path) else None
+    if topic is not None:
+        return _of_topic(path, topic, times, _placed(told, path, whose), whose, topics, asked=False)
     if given.imu is not None:
+        of = "" if whose.role == "cs" else " of Cf"
         raise DataError(
-            f"{path} has no gyroscope of Cf that --worn-imu could tell of; give --worn-gyro FILE|TOPIC."
+            f"{path} has no gyroscope{of} that {whose.imu} could tell of; give {whose.gyro} FILE|TOPIC."
         )
     return None
 
 
-def named_log(
+def _named(
     path: Path,
     source: str,
     times: Array,
     camera: Camera,
     told: ImuFile,
+    whose: Whose,
     topics: Mapping[str, str],
-    whose: str,
 ) -> ImuLog | None:
-    """A file, or a topic of the bag at ``path``; ``whose`` is the role of the images that it goes with."""
+    """A file, a folder in EuRoC's layout, or a topic of the bag at ``path``."""
     file = Path(source)
+    folder = file if file.is_dir() else file.parent
+    if (folder / "data.csv").is_file() and (folder / "sensor.yaml").is_file():
+        return _of_folder(folder, path, times, told, whose, asked=True)
+    told = _placed(told, path, whose)
     if file.is_file():
         return _of_table(read_table(file), times, camera, told, str(file), whose)
     if is_bag(path):
-        return _of_topic(path, source, times, told, topics, whose, asked=True)
+        return _of_topic(path, source, times, told, whose, topics, asked=True)
     raise DataError(
         f"There is no file {file} with a gyroscope's samples, and {path} is not a bag with such a topic; "
         "give a CSV file: stamp, wx, wy, wz (rad/s)."
     )
 
 
-def _placed(told: ImuFile, path: Path, calibration: Path | None) -> ImuFile:
-    """With the mount in C, where only that in the body is told (EuRoC's T_BS); raises DataError if nothing
-    tells how the camera sits there."""
-    if told.r_ci is not None or told.t_bs is None:
-        return told
-    own = (path / "cam0" / "sensor.yaml", path / "mav0" / "cam0" / "sensor.yaml")
-    for file in (calibration, *own):
-        if file is not None and file.is_file():
+def _placed(told: ImuFile, path: Path, whose: Whose) -> ImuFile:
+    """With the mount at the camera, where only that in the body is told (EuRoC's T_BS); raises DataError if
+    nothing tells how the camera sits there."""
+    if told.r_ci is not None or told.t_bs is None or whose.role == "cf":
+        return replace(told, t_bs=None)
+    for file in whose.cameras:
+        if file.is_file():
             camera_t_bs = read_calibration(file).t_bs
             if camera_t_bs is not None:
                 return replace(told, r_ci=(pose_inverse(camera_t_bs) @ told.t_bs)[:3, :3])
@@ -204,25 +197,25 @@ def _placed(told: ImuFile, path: Path, calibration: Path | None) -> ImuFile:
 
 
 def _of_folder(
-    folder: Path, path: Path, times: Array, told: ImuFile, calibration: Path | None, *, asked: bool
+    folder: Path, path: Path, times: Array, told: ImuFile, whose: Whose, *, asked: bool
 ) -> ImuLog | None:
     """A sensor in EuRoC's layout; None if nothing tells how it sits and nobody has ``asked`` for it."""
     data, sensor = folder / "data.csv", folder / "sensor.yaml"
     if sensor.is_file():
         told = told.over(read_imu_file(sensor))
     try:
-        told = _placed(told, path, calibration)
+        told = _placed(told, path, whose)
     except DataError:
         if asked:
             raise
     if told.r_ci is None:
-        tell("passed over", "gyroscope (nothing tells how it sits to the camera; give --imu)", data)
+        tell("passed over", f"gyroscope (nothing tells how it sits to the camera; give {whose.imu})", data)
         return None
     table = read_table(data, "nanoseconds")
     return _checked(table, table.clocks, times, told, told.r_ci, str(data))
 
 
-def _of_table(table: Table, times: Array, camera: Camera, told: ImuFile, where: str, whose: str) -> ImuLog:
+def _of_table(table: Table, times: Array, camera: Camera, told: ImuFile, where: str, whose: Whose) -> ImuLog:
     r_ci = told.r_ci
     if r_ci is None and table.phone:
         if camera.width > camera.height:
@@ -234,16 +227,22 @@ def _of_table(table: Table, times: Array, camera: Camera, told: ImuFile, where: 
         tell("axes of the gyroscope", "those of a phone held upright", where)
     elif r_ci is None:
         r_ci = np.eye(3)
-        of = "Cs (--imu tells others)" if whose == "cs" else "Cf (--worn-imu tells others)"
-        tell("axes of the gyroscope", f"those of {of}", where)
+        tell("axes of the gyroscope", f"those of {whose.role.title()} ({whose.imu} tells others)", where)
     return _checked(table, table.clocks, times, told, r_ci, where)
 
 
 def _of_topic(
-    bag: Path, topic: str, times: Array, told: ImuFile, topics: Mapping[str, str], whose: str, *, asked: bool
+    bag: Path,
+    topic: str,
+    times: Array,
+    told: ImuFile,
+    whose: Whose,
+    topics: Mapping[str, str],
+    *,
+    asked: bool,
 ) -> ImuLog | None:
     where = f"{topic} of {bag}"
-    found = read_imu_topic(bag, topic, topics.get(whose), asked=asked)
+    found = read_imu_topic(bag, topic, topics.get(whose.role), asked=asked)
     if found is None:
         return None
     r_ci = found.r_ci if told.r_ci is None else told.r_ci

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import GYRO_GAP
-from collabslam.datasets.imu.beside import WornGyroGiven, worn_imu_log
+from collabslam.datasets.imu.beside import Whose, WornGyroGiven, imu_log
 from collabslam.datasets.ordered import DiskRecording
 from collabslam.datasets.recorded_worn import RecordedWorn
 from collabslam.errors import DataError
@@ -44,8 +44,8 @@ def with_worn_rates(
     worn, logs = dict(recording.worn), dict[str, ImuLog]()
     for name, one in recording.worn.items():
         times = recording.times[sorted(one.views)]
-        folder, asked = place_of(path, name), given or WornGyroGiven()
-        log = worn_imu_log(path, times, one.camera, asked, folder, topics=topics) if times.size else None
+        whose = Whose.cf(place_of(path, name))
+        log = imu_log(path, times, one.camera, given, whose, topics) if times.size else None
         if log is not None:
             worn[name], logs[name] = _with_rates(one, recording.times, log), log
     return replace(recording, worn=worn, worn_imu=logs) if logs else recording
