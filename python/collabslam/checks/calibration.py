@@ -13,6 +13,7 @@ from collabslam.checks.alone import FocalRange, focal_range
 from collabslam.checks.depth import check_depth
 from collabslam.checks.lengths import check_lengths
 from collabslam.checks.mistakes import MirroredCamera
+from collabslam.checks.report import Report
 from collabslam.checks.robot import RobotReport, check_robot
 from collabslam.checks.worn import MOST_PX, WornReport, check_worn
 from collabslam.datasets.at_frames import AtFrames
@@ -25,7 +26,7 @@ OF_CS = "images of Cs under the true poses"
 
 
 @dataclass(frozen=True)
-class CalibrationReport:
+class CalibrationReport(Report):
     """What was found; residuals are medians, pixels.
 
     Attributes
@@ -41,10 +42,6 @@ class CalibrationReport:
         Lengths of the true poses over those of ``T_CF``, 1 if both are in metres.
     alone : FocalRange or None
         Factors on the focal length of Cs that its images allow without any poses.
-    findings : list of str
-        What is wrong, the likeliest cause first, in sentences.
-    notes : list of str
-        What could not be checked, in sentences.
     """
 
     by_gap: dict[int, float] = field(default_factory=dict)
@@ -53,21 +50,18 @@ class CalibrationReport:
     worn: WornReport = field(default_factory=WornReport)
     lengths: float | None = None
     alone: FocalRange | None = None
-    findings: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
 
     @property
     def checked(self) -> bool:
         """Whether there was anything to hold the images against."""
-        return bool(self.by_gap) or self.worn.residual is not None
+        return bool(self.by_gap) or self.worn.checked
 
     @property
     def agrees(self) -> bool:
         """Whether all that was checked agrees with the images; see `worn.MOST_PX`."""
         return (
-            self.checked
-            and not self.findings
-            and (self.worn.residual is None or self.worn.agrees)
+            super().agrees
+            and (self.worn.agrees or not self.worn.checked)
             and all(r <= MOST_PX for r in self.by_gap.values())
         )
 
@@ -123,7 +117,7 @@ def check_calibration(
             "the frame nearest to it, and that counts as noise of T_CF."
         )
     alone = None
-    if not robot.by_gap:
+    if not robot.checked:
         tell("focal length by the images of Cs alone")
         alone = focal_range(recording.image, range(len(recording)), MirroredCamera(recording.camera))
         if alone is not None and alone.contradicts:
@@ -134,7 +128,7 @@ def check_calibration(
             )
         notes.append(_untold(alone))
     return CalibrationReport(
-        robot.by_gap, robot.focal, robot.offset, worn, lengths.ratio, alone, findings, notes
+        robot.by_gap, robot.focal, robot.offset, worn, lengths.ratio, alone, findings=findings, notes=notes
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from collabslam.checks.gyro_fit import CLEAR, Fit, Integrated, Turns, best_fit, 
 from collabslam.checks.matching import describe, match_points
 from collabslam.checks.mistakes import MirroredCamera
 from collabslam.checks.relative_motion import relative_motion
+from collabslam.checks.report import Report
 from collabslam.checks.samples import spread
 from collabslam.geometry import rotation_log
 from collabslam.types import Array, Image, Imu, ImuLog, Recording, worn_cameras
@@ -55,7 +56,7 @@ class Whose(NamedTuple):
 
 
 @dataclass(frozen=True)
-class GyroReport:
+class GyroReport(Report):
     """What was found.
 
     Attributes
@@ -69,8 +70,6 @@ class GyroReport:
     fit : Fit or None
     told_left : float or None
         What the mount and clock that were told leave of the turns, rad.
-    findings, notes : list of str
-        What is wrong, and what could not be checked, in sentences.
     """
 
     told: Imu
@@ -78,13 +77,11 @@ class GyroReport:
     sensor: Imu | None = None
     fit: Fit | None = None
     told_left: float | None = None
-    findings: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
 
     @property
-    def agrees(self) -> bool:
-        """Whether mount and clock were held against the images, and fit."""
-        return self.sensor is not None and not self.findings
+    def checked(self) -> bool:
+        """Whether mount and clock were held against the images."""
+        return self.sensor is not None
 
 
 def check_gyroscope(recording: Recording) -> GyroReport | None:

@@ -6,12 +6,14 @@ space has to appear where another frame of Cs, moved by the true poses, sees it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from collabslam.checks.matching import LEAST_MATCHES, Matches, describe, match_points
 from collabslam.checks.mistakes import MirroredCamera, PoseMistake, undone
+from collabslam.checks.report import Report
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.samples import CLEAR_GAIN, spread
 from collabslam.datasets.at_frames import AtFrames
@@ -39,12 +41,16 @@ LONGEST = 100.0
 """Length of T_CF that no two cameras of one scene have, metres."""
 
 
-class LengthReport(NamedTuple):
+@dataclass(frozen=True)
+class LengthReport(Report):
     """``ratio`` is that of the true poses' lengths to T_CF's; None if nothing tells it."""
 
-    ratio: float | None
-    findings: list[str]
-    notes: list[str]
+    ratio: float | None = None
+
+    @property
+    def checked(self) -> bool:
+        """Whether points seen three times told it."""
+        return self.ratio is not None
 
 
 class _Triple(NamedTuple):
@@ -69,33 +75,33 @@ def check_lengths(recording: AtFrames, robot: RobotReport, undo: PoseMistake | N
         What was found of T_CF, undone here as well.
     """
     if recording.worn_camera is None:
-        return LengthReport(None, [], [])
-    if robot.poses is None or not robot.by_gap:
+        return LengthReport()
+    if robot.poses is None or not robot.checked:
         return _plausible(recording)
     triples = _triples(recording, robot, undo)
     ratios = [r for t in triples if (r := _ratio(t)) is not None]
     if len(ratios) < 2:
-        return LengthReport(
-            None, [], ["Too few points are seen three times: the length of T_CF is not checked."]
-        )
+        note = "Too few points are seen three times: the length of T_CF is not checked."
+        return LengthReport(notes=[note])
     logs = np.log(ratios)
     middle = float(np.median(logs))
     error = float(np.std(logs) / np.sqrt(len(logs)))
     ratio = float(np.exp(middle))
     named = [text for text, factor in UNITS.items() if abs(middle - np.log(factor)) < np.log(NEAR)]
     if not named and not (abs(middle) > np.log(NEAR) and abs(middle) > 3.0 * error):
-        return LengthReport(ratio, [], [])
+        return LengthReport(ratio)
     before, after = (robot.model.focal * _transferred(triples, factor) for factor in (1.0, ratio))
     if after > CLEAR_GAIN * before:
-        return LengthReport(ratio, [], [])
+        return LengthReport(ratio)
     numbers = (
         f"with {ratio:.3g} times T_CF's length the residual of a third image falls from {before:.1f} to "
         f"{after:.1f} px"
     )
     if named:
-        return LengthReport(ratio, [f"{named[0][0].upper()}{named[0][1:]}: {numbers}; give metres."], [])
+        text = f"{named[0][0].upper()}{named[0][1:]}: {numbers}; give metres."
+        return LengthReport(ratio, findings=[text])
     text = f"T_CF and the true poses are of different lengths: {numbers}; check the scale of both."
-    return LengthReport(ratio, [text], [])
+    return LengthReport(ratio, findings=[text])
 
 
 def _plausible(recording: AtFrames) -> LengthReport:
@@ -109,9 +115,9 @@ def _plausible(recording: AtFrames) -> LengthReport:
             f"T_CF is {np.median(lengths):.0f} m long: no two cameras see one scene from so far apart; it "
             "seems to be in millimetres or centimetres, give metres."
         )
-        return LengthReport(None, [text], [])
+        return LengthReport(findings=[text])
     note = "Without true poses nothing tells the unit of T_CF: its length is not checked."
-    return LengthReport(None, [], [note] if lengths else [])
+    return LengthReport(notes=[note] if lengths else [])
 
 
 def _triples(recording: AtFrames, robot: RobotReport, undo: PoseMistake | None) -> list[_Triple]:

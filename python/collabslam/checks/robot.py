@@ -33,6 +33,7 @@ from collabslam.checks.mistakes import (
     MirroredCamera,
     body_mistakes,
 )
+from collabslam.checks.report import Report
 from collabslam.checks.samples import CLEAR_GAIN, least, spread
 from collabslam.datasets.poses import interpolate_track
 from collabslam.geometry import pose_inverse
@@ -59,7 +60,7 @@ class Pair(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RobotReport:
+class RobotReport(Report):
     """What was found of Cs; residuals are medians, pixels.
 
     Attributes
@@ -73,8 +74,6 @@ class RobotReport:
         The camera with the mistake undone that was found, or as given.
     poses : (N, 4, 4) float64 or None
         The true poses with the mistake undone that was found, or as given.
-    findings, notes : list of str
-        What is wrong, and what could not be checked, in sentences.
     """
 
     model: MirroredCamera
@@ -82,8 +81,11 @@ class RobotReport:
     focal: float | None = None
     offset: float | None = None
     poses: Array | None = None
-    findings: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+
+    @property
+    def checked(self) -> bool:
+        """Whether there were true poses, and pairs of frames to hold them against."""
+        return bool(self.by_gap)
 
 
 class _Trial(NamedTuple):
@@ -132,7 +134,7 @@ def check_robot(recording: Recording) -> RobotReport:
         if front < BEHIND:
             told = f"{100 * ahead:.0f} % of the points lie before the camera, not {100 * front:.0f} %"
         finding = f"{fault[0].upper()}{fault[1:]}: corrected, {told}; {remedy}."
-        return RobotReport(changed, by_gap, focal, offset, poses, [finding])
+        return RobotReport(changed, by_gap, focal, offset, poses, findings=[finding])
     if front < BEHIND:
         report.findings.append(
             f"Under the poses only {100 * front:.0f} % of the points lie before the camera, and no usual "

@@ -7,7 +7,7 @@ undone one after the other, and the one under which ways and turns point where t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from collabslam.checks.gyro_fit import weighted_rms
 from collabslam.checks.matching import Points, describe, match_points
 from collabslam.checks.mistakes import MOUNT_MISTAKES, MirroredCamera
 from collabslam.checks.relative_motion import relative_motion
+from collabslam.checks.report import Report
 from collabslam.checks.samples import lowest, spread
 from collabslam.datasets.odometry import mount_of
 from collabslam.geometry import nearest_rotation, pose_inverse, rotation_log
@@ -74,7 +75,7 @@ class Misfit(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WheelsReport:
+class WheelsReport(Report):
     """What was found.
 
     Attributes
@@ -87,21 +88,17 @@ class WheelsReport:
         Of the odometry as it was told.
     turn_scale : float or None
         What its turns are to be multiplied by for those of the images.
-    findings, notes : list of str
-        What is wrong, and what could not be checked, in sentences.
     """
 
     told: Array
     pairs: int
     misfit: Misfit | None = None
     turn_scale: float | None = None
-    findings: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
 
     @property
-    def agrees(self) -> bool:
-        """Whether it was held against the images, and fits."""
-        return self.misfit is not None and not self.findings
+    def checked(self) -> bool:
+        """Whether it was held against the images."""
+        return self.misfit is not None
 
 
 def check_wheels(recording: Recording) -> WheelsReport | None:

@@ -9,7 +9,7 @@ contradicted at all is the test that a running filter makes too (`worn_verdict`)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from collabslam.checks.matching import (
     share_in_front,
 )
 from collabslam.checks.mistakes import MirroredCamera, PoseMistake
+from collabslam.checks.report import Report
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.samples import spread
 from collabslam.checks.trials import Trial, worn_trials
@@ -56,7 +57,7 @@ class WornError(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WornReport:
+class WornReport(Report):
     """What the views of Cf say of ``T_CF``.
 
     Attributes
@@ -69,21 +70,22 @@ class WornReport:
         How far the images correct it, medians.
     undo : PoseMistake or None
         The mistake in the poses of Cf that was found.
-    findings, notes : list of str
-        What is wrong, and what could not be checked, in sentences.
     """
 
     residual: float | None = None
     expected: float | None = None
     error: WornError | None = None
     undo: PoseMistake | None = None
-    findings: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+
+    @property
+    def checked(self) -> bool:
+        """Whether there were views to hold it against."""
+        return self.residual is not None
 
     @property
     def agrees(self) -> bool:
         """Whether the images agree with ``T_CF``; not where they cannot say."""
-        return self.residual is not None and not self.findings and self.residual <= MOST_PX
+        return super().agrees and (self.residual or 0.0) <= MOST_PX
 
 
 def check_worn(recording: AtFrames, robot: RobotReport) -> WornReport:
@@ -158,7 +160,7 @@ def check_worn(recording: AtFrames, robot: RobotReport) -> WornReport:
             f"The residual of Cf is {now:.2f} px where the covariance of T_CF leads to {expected:.2f}: "
             "nothing contradicts T_CF, but the images cannot confirm it more finely than that."
         )
-    return WornReport(now, expected, error, undo, findings, notes)
+    return WornReport(now, expected, error, undo, findings=findings, notes=notes)
 
 
 def _fits(view: View, trial: Trial) -> bool:
