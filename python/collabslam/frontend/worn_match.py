@@ -37,17 +37,17 @@ from collabslam._core import (
     sample_templates,
 )
 from collabslam.frontend.describe import DESCRIPTORS, SUPPORT, Descriptors, describe
-from collabslam.frontend.detect import detect_corners, halves
+from collabslam.frontend.detect import Hidden, detect_corners, halves
 from collabslam.frontend.epipolar import inverse_ranges, skews
 from collabslam.frontend.patch import SIZE, inverse_maps, limits
 from collabslam.frontend.plausible import VisibleLandmarks, far_from, surface_around, unlike
 from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
-from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
+from collabslam.frontend.viewed_points import Region, ViewedPoints, inside, whole
 from collabslam.frontend.worn_size import LEAST, ask_size
 from collabslam.frontend.worn_verdict import WIDE, Verdict, ask_images
 from collabslam.geometry import pose_inverse
 from collabslam.settings.table import Settings
-from collabslam.types import Array, Image, Indices, Mask
+from collabslam.types import Array, Image, Indices, Mask, WornView
 
 SIGMA = 1.0
 """Standard deviation of a corner's pixel, for the gates."""
@@ -97,20 +97,38 @@ class WornMatches:
     size: float = float("nan")
 
 
-def match_worn(views: TwoViews, points: ViewedPoints, settings: Settings) -> WornMatches:
+def match_worn(
+    image: Image,
+    worn: WornView,
+    points: ViewedPoints,
+    cameras: tuple[Camera, Camera],
+    settings: Settings,
+    *,
+    regions: tuple[Region | None, Region | None] = (None, None),
+    hidden: Hidden | None = None,
+) -> WornMatches:
     """Finds points of Cs in the worn camera's image.
 
     Parameters
     ----------
-    views : TwoViews
+    image : (H, W) uint8
+        Of Cs.
+    worn : WornView
+        With T_CF as it is for that image.
     points : ViewedPoints
+    cameras : (Camera, Camera)
+        Cs and Cf.
     settings : Settings
+    regions : pair of (u0, v0, u1, v1) or None, optional
+        Region of interest in each image, pixels; None is the whole image.
+    hidden : callable, optional
+        Which pixels of Cf are never scene.
 
     Returns
     -------
     WornMatches
     """
-    return _Matcher(views, points, settings).run()
+    return _Matcher(image, worn, points, cameras, settings, regions, hidden).run()
 
 
 class _Described(NamedTuple):
@@ -145,13 +163,22 @@ class _Expected(NamedTuple):
 class _Matcher:
     """The steps of :func:`match_worn` over their common data."""
 
-    def __init__(self, views: TwoViews, points: ViewedPoints, settings: Settings) -> None:
-        self.image_s, self.camera_s = views.image_s, views.camera_s
-        self.image_f, self.camera_f = views.image_f, views.camera_f
-        self.hidden_f = views.hidden_f
-        self.t_cf = np.asarray(views.t_cf, dtype=np.float64)
-        self.covariance = np.asarray(views.covariance, dtype=np.float64)
-        self.roi_s, self.roi_f = whole(views.roi_s, self.image_s), whole(views.roi_f, self.image_f)
+    def __init__(
+        self,
+        image: Image,
+        worn: WornView,
+        points: ViewedPoints,
+        cameras: tuple[Camera, Camera],
+        settings: Settings,
+        regions: tuple[Region | None, Region | None],
+        hidden: Hidden | None,
+    ) -> None:
+        self.image_s, self.image_f = image, worn.image
+        self.camera_s, self.camera_f = cameras
+        self.hidden_f = hidden
+        self.t_cf = np.asarray(worn.t_cf, dtype=np.float64)
+        self.covariance = np.asarray(worn.covariance, dtype=np.float64)
+        self.roi_s, self.roi_f = whole(regions[0], self.image_s), whole(regions[1], self.image_f)
         self.settings, self.options = settings.frontend, settings.frontend.worn
         self.near = settings.filter.overlap.near
         self.focal = (_focal(self.camera_s), _focal(self.camera_f))

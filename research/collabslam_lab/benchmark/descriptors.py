@@ -25,14 +25,14 @@ from collabslam.errors import CollabslamError
 from collabslam.frontend.describe import DESCRIPTORS, SUPPORT, describe
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import SIZE
-from collabslam.frontend.two_views import TwoViews, ViewedPoints
+from collabslam.frontend.viewed_points import ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.runs.report import number
 from collabslam.runs.results import write_summary
 from collabslam.settings.table import Settings
 from collabslam.slam.worn.matcher import NEW_POINTS
-from collabslam.types import Array, Indices, Mask
+from collabslam.types import Array, Indices, Mask, WornView
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam_lab.benchmark.plan import Entry, Plan
 from collabslam_lab.benchmark.store import KEY, Row, slug
@@ -96,8 +96,8 @@ class ImagePair:
 
     Attributes
     ----------
-    views : TwoViews or None
-        With the measured ``T_CF``; None where that says that the views do not overlap.
+    overlap : OverlapPrediction or None
+        By the measured ``T_CF``; None where that says that the views do not overlap.
     uv : (N, 2) float64
         The points: corners, unless others are given.
     """
@@ -108,13 +108,8 @@ class ImagePair:
         image, other = scene.image(pair.i), scene.other.image(pair.j)
         t_cf, covariance = errors.measured(pair.t_cf, pair.i, 0), np.diag(errors.noise.deviations**2)
         core = Filter(scene.camera, scene.other.camera, settings=settings.filter)
-        overlap = core.predict_overlap(t_cf, covariance)
-        self.views = None
-        if overlap is not None:
-            cameras = (scene.camera, scene.other.camera)
-            self.views = TwoViews(
-                image, cameras[0], other, cameras[1], t_cf, covariance, overlap.roi_s, overlap.roi_f
-            )
+        self.overlap = core.predict_overlap(t_cf, covariance)
+        self._worn = WornView(other, t_cf, covariance)
         self.image, self.other = image, other
         if uv is None:
             uv = detect_corners(image, _NONE, NEW_POINTS, settings.frontend.detect, SIZE // 2 + 1)
@@ -157,10 +152,12 @@ class ImagePair:
         settings = dataclasses.replace(self._settings, frontend=dataclasses.replace(frontend, worn=worn))
         row = {"descriptor": kind, **self.facts(), "ms_describe": self._describing(kind)}
         nothing = np.empty(0, np.int64)
-        if self.views is None:
+        if self.overlap is None:
             return {**row, **self.judge(nothing, _NONE), "ms_match": 0.0}
+        cameras = (self._scene.camera, self._scene.other.camera)
+        regions = (self.overlap.roi_s, self.overlap.roi_f)
         began = time.process_time()
-        found = match_worn(self.views, ViewedPoints(self.uv), settings)
+        found = match_worn(self.image, self._worn, ViewedPoints(self.uv), cameras, settings, regions=regions)
         took = 1e3 * (time.process_time() - began)
         return {**row, **self.judge(found.index, found.uv_f), "ms_match": took}
 
@@ -170,7 +167,7 @@ class ImagePair:
             "parallax_deg": self.parallax(),
             "points": len(self.uv),
             "points_with_depth": int(self._inside.sum()),
-            "overlap": self.views is not None,
+            "overlap": self.overlap is not None,
         }
 
     def judge(self, index: Indices, uv_f: Array) -> Row:

@@ -16,12 +16,12 @@ from collabslam.datasets.images import read_grey
 from collabslam.datasets.recording import Rig
 from collabslam.errors import DataError
 from collabslam.frontend.epipolar import inverse_ranges
-from collabslam.frontend.two_views import TwoViews, ViewedPoints
+from collabslam.frontend.viewed_points import ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.settings.table import Settings
 from collabslam.simulation.recording import SimulatedRecording, demo_recording
-from collabslam.types import Array, Image, Recording
+from collabslam.types import Array, Image, Recording, WornView
 from collabslam_lab.benchmark.opening import open_folder, views_of
 from collabslam_lab.benchmark.plan import Entry
 
@@ -162,8 +162,8 @@ def true_inverse_ranges(scene: Scene, i: int, uv: Array, settings: Settings) -> 
     found = np.full((len(_THIRD_BASELINES), len(uv)), np.nan)
     for row, k in enumerate(_third_frames(scene, i)):
         relative = pose_inverse(scene.poses[i]) @ scene.poses[k]
-        views = TwoViews(image, scene.camera, scene.image(k), scene.camera, relative, _TRUTH_SD)
-        matches = match_worn(views, ViewedPoints(uv), settings)
+        there = WornView(scene.image(k), relative, _TRUTH_SD)
+        matches = match_worn(image, there, ViewedPoints(uv), (scene.camera, scene.camera), settings)
         rays_s, rays_k = rays[matches.index], scene.camera.unproject(matches.uv_f).reshape(-1, 3)
         rho = inverse_ranges(rays_s, rays_k, relative)
         cosine = np.sum(rays_s * (rays_k @ relative[:3, :3].T), axis=1)

@@ -14,12 +14,12 @@ from collabslam.frontend import worn_match
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.epipolar import inverse_ranges
-from collabslam.frontend.two_views import TwoViews, ViewedPoints
+from collabslam.frontend.viewed_points import ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.settings.table import Settings
 from collabslam.slam.targets.patches import find_target
-from collabslam.types import Target
+from collabslam.types import Target, WornView
 
 SETTINGS = Settings.default()
 CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5), [])
@@ -84,8 +84,8 @@ def measured(seed: int) -> np.ndarray:
 
 def run(scene, t_cf, *, settings=SETTINGS, rho=None, sd=None, roi_s=None, roi_f=None):
     image_s, image_f, uv = scene[:3]
-    views = TwoViews(image_s, CAMERA, image_f, CAMERA, t_cf, COVARIANCE, roi_s, roi_f)
-    return match_worn(views, ViewedPoints(uv, rho, sd), settings)
+    worn, points = WornView(image_f, t_cf, COVARIANCE), ViewedPoints(uv, rho, sd)
+    return match_worn(image_s, worn, points, (CAMERA, CAMERA), settings, regions=(roi_s, roi_f))
 
 
 @pytest.mark.slow
@@ -160,8 +160,8 @@ def test_regions_of_interest_are_kept(scene):
 def test_unrelated_views_give_no_matches(scene):
     image_s, _, uv = scene[:3]
     other = texture(480, 640, 77)
-    views = TwoViews(image_s, CAMERA, other, CAMERA, T_CF, COVARIANCE)
-    found = match_worn(views, ViewedPoints(uv), SETTINGS)
+    worn = WornView(other, T_CF, COVARIANCE)
+    found = match_worn(image_s, worn, ViewedPoints(uv), (CAMERA, CAMERA), SETTINGS)
     assert len(found.index) <= 2
 
 
@@ -172,12 +172,8 @@ def test_worn_matching_is_deterministic(scene):
 
 
 def test_worn_match_refuses_bad_arrays(scene):
-    with pytest.raises(InputError, match="positive definite"):
-        TwoViews(scene[0], CAMERA, scene[1], CAMERA, T_CF, np.zeros((6, 6)))
     with pytest.raises(InputError, match="one inverse range"):
         ViewedPoints(scene[2], np.ones(3), np.ones(3))
-    with pytest.raises(InputError, match=r"\(4, 4\)"):
-        TwoViews(scene[0], CAMERA, scene[1], CAMERA, np.eye(3), COVARIANCE)
 
 
 def _pairs(count: int, wrong: int, seed: int, noise: float = 0.5):

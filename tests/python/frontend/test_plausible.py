@@ -9,11 +9,11 @@ import pytest
 from collabslam._core import Camera
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.plausible import VisibleLandmarks, far_from, surface_around, unlike
-from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside
+from collabslam.frontend.viewed_points import ViewedPoints, inside
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import se3_exp
 from collabslam.settings.table import Settings
-from collabslam.types import Array, Image
+from collabslam.types import Array, Image, WornView
 
 SETTINGS = Settings.default()
 CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5), [])
@@ -44,9 +44,9 @@ def test_a_brick_out_of_the_picture_is_not_found_in_another_one(seed: int) -> No
     known = np.arange(len(uv)) % 3 == 0
     t_cf = se3_exp([BASELINE, 0.0, 0.0, 0.0, 0.0, 0.0])
     t_cf = t_cf @ se3_exp(np.random.default_rng(seed).multivariate_normal(np.zeros(6), COVARIANCE))
-    views = TwoViews(image_s, CAMERA, image_f, CAMERA, t_cf, COVARIANCE, None, None)
+    worn = WornView(image_f, t_cf, COVARIANCE)
     points = ViewedPoints(uv, np.where(known, rho, np.nan), np.where(known, 0.05 * rho, np.nan))
-    found = match_worn(views, points, SETTINGS)
+    found = match_worn(image_s, worn, points, (CAMERA, CAMERA), SETTINGS)
     true = uv[found.index] - [moved, 0.0]
     off = np.linalg.norm(found.uv_f - true, axis=1)
     assert (off < 1.5).sum() >= 30

@@ -13,7 +13,7 @@ from collabslam._core import LAST_TIME, Camera, Filter, OverlapPrediction
 from collabslam.errors import InputError
 from collabslam.frontend.detect import hidden_by_any
 from collabslam.frontend.mask import StaticMask
-from collabslam.frontend.two_views import TwoViews, ViewedPoints
+from collabslam.frontend.viewed_points import ViewedPoints
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.images import check_grey
 from collabslam.settings.table import Settings
@@ -160,7 +160,7 @@ class WornMatcher:
         worn, started = overlap.worn, view.started
         if started and self._only_start:
             return overlap
-        regions = self._filter.predict_overlap(worn.t_cf, worn.covariance, who=overlap.number)
+        regions = self.regions(overlap)
         if regions is None:
             return overlap
         known = np.empty(0, np.int64) if self._only_births and started else np.flatnonzero(found.hit)
@@ -170,13 +170,12 @@ class WornMatcher:
         fresh = view.corners.pick(taken, tries)
         uv = np.concatenate([known_uv, found.candidate_uv, fresh])
         unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
-        views = self._two_views(view, worn, regions)
         points = ViewedPoints(
             uv,
             np.concatenate([found.rho[known], unknown]),
             np.concatenate([found.rho_sd[known], unknown]),
         )
-        matches = match_worn(views, points, self._settings)
+        matches = self.matches(view, worn, regions, points)
         against = _BY_MAP if self._contradicts(len(known), len(uv), matches) else _against(matches)
         # A start rests on this one view alone: it needs one that the images confirm.
         unsure = not started and np.isnan(against)
@@ -210,24 +209,24 @@ class WornMatcher:
             baseline=regions.baseline,
         )
 
-    def two_views(self, view: View, overlap: Overlap) -> TwoViews | None:
-        """A frame beside a worn camera's view, to be matched; None where they cannot see the same."""
+    def regions(self, overlap: Overlap) -> OverlapPrediction | None:
+        """Where in both images a view and its frame may show the same; None where they cannot."""
         worn = overlap.worn
-        regions = self._filter.predict_overlap(worn.t_cf, worn.covariance, who=overlap.number)
-        return None if regions is None else self._two_views(view, worn, regions)
+        return self._filter.predict_overlap(worn.t_cf, worn.covariance, who=overlap.number)
 
-    def _two_views(self, view: View, worn: WornView, regions: OverlapPrediction) -> TwoViews:
+    def matches(
+        self, view: View, worn: WornView, regions: OverlapPrediction, points: ViewedPoints
+    ) -> WornMatches:
+        """Points of a frame in a worn camera's view."""
         hiding = [self._masks.get(worn.who), *self._wearers.hidden_from(worn.who, worn.t_cf, view.wearers)]
-        return TwoViews(
+        return match_worn(
             view.image,
-            self._camera,
-            worn.image,
-            self._worn_cameras[worn.who],
-            worn.t_cf,
-            worn.covariance,
-            regions.roi_s,
-            regions.roi_f,
-            hidden_by_any(hiding),
+            worn,
+            points,
+            (self._camera, self._worn_cameras[worn.who]),
+            self._settings,
+            regions=(regions.roi_s, regions.roi_f),
+            hidden=hidden_by_any(hiding),
         )
 
     def _contradicts(self, known: int, tried: int, matches: WornMatches) -> bool:

@@ -7,9 +7,8 @@ import numpy as np
 from collabslam._core import Camera, Filter, Prediction
 from collabslam.frontend.patch import warp_templates
 from collabslam.frontend.search import FOUND, GATE, active_search
-from collabslam.frontend.two_views import ViewedPoints
+from collabslam.frontend.viewed_points import ViewedPoints
 from collabslam.frontend.wearer_mask import Outline
-from collabslam.frontend.worn_match import match_worn
 from collabslam.settings.table import Settings
 from collabslam.slam.tracking.tracks import TrackingResult, Tracks
 from collabslam.slam.view import View
@@ -84,12 +83,13 @@ class SeenThrough:
                 self._match(view, undecided[who], overlap)
 
     def _match(self, view: View, outline: Outline, overlap: Overlap) -> None:
-        views = self._matcher.two_views(view, overlap)
+        regions = self._matcher.regions(overlap)
         on_it = view.corners.strongest(lambda uv: outline.trunk(self._camera, uv), _CORNERS)
-        if views is None or not len(on_it):
+        if regions is None or not len(on_it):
             return
         others = view.corners.pick(np.empty((0, 2)), _ELSEWHERE)
-        matches = match_worn(views, ViewedPoints(np.concatenate([on_it, others])), self._settings)
+        points = ViewedPoints(np.concatenate([on_it, others]))
+        matches = self._matcher.matches(view, overlap.worn, regions, points)
         hits = int(np.sum(matches.index < len(on_it)))
         usual = (len(matches.index) - hits) / max(len(others), 1)
         self._wearers.saw(overlap.worn.who, found=hits, tried=len(on_it), usual=usual, by_chance=_IN_CF)
