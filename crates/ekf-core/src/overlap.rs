@@ -30,12 +30,10 @@ use crate::camera::Camera;
 use crate::math::pose::Pose;
 use crate::settings::OverlapSettings;
 use nalgebra::{Matrix2, Matrix3, Matrix6, SymmetricEigen, Vector2, Vector3};
-use view_body::furthest;
+use view_body::{SAMPLES, furthest};
 
 /// Least side of a region of interest, pixels.
 const MIN_SIDE: f64 = 2.0;
-/// Points taken along each side of the image, and along each edge of the common body.
-const SAMPLES: usize = 8;
 
 /// The least useful parallax, in standard deviations of the parallax.
 const PARALLAX_SIGMAS: f64 = 3.0;

@@ -1,6 +1,7 @@
 //! What was measured of two nodes.
 
-use super::{Node, Transferred, times};
+use super::node::{Node, Transferred};
+use super::times;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::math::quat;

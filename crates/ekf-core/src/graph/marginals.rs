@@ -1,7 +1,9 @@
 //! Covariances of nodes.
 
-use super::normal::{Factored, Normal, starts};
-use super::{Node, PoseGraph, PosedNode};
+use super::factor::Factor;
+use super::node::{Node, starts};
+use super::normal::{Factored, Normal};
+use super::posed_node::PosedNode;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use nalgebra::{DMatrix, Matrix6, SMatrix};
@@ -16,10 +18,10 @@ pub struct Marginals {
 }
 
 impl Marginals {
-    pub(super) fn of(graph: &PoseGraph) -> Result<Self, EkfError> {
-        let normal = Normal::of(graph);
+    pub(super) fn of(nodes: &[Node], factors: &[Factor]) -> Result<Self, EkfError> {
+        let normal = Normal::of(nodes, factors);
         let factored = normal.factored(&normal.pattern()?, 0.0)?;
-        Ok(Self::from(factored, graph.nodes().to_vec()))
+        Ok(Self::from(factored, nodes.to_vec()))
     }
 
     pub(super) fn from(factored: Factored, nodes: Vec<Node>) -> Self {

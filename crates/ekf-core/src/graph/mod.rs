@@ -7,20 +7,18 @@
 
 mod factor;
 mod marginals;
+mod node;
 mod normal;
 mod posed_node;
 mod poses;
 
 pub use factor::{Edge, Factor};
 pub use marginals::Marginals;
+pub use node::{Node, Transferred};
 pub use posed_node::PosedNode;
-pub use poses::{Node, PoseGraph, Solved};
+pub use poses::{PoseGraph, Solved};
 
-use nalgebra::{DMatrix, DVector};
-
-/// By how much the filter's estimates of what is transferred are wrong where the submap ends: the logarithm of the scale, and the
-/// time-correlated error of each T_CF, metres and radians. A graph does not ask what they are; nodes of different runs differ in number.
-pub type Transferred = DVector<f64>;
+use nalgebra::DMatrix;
 
 /// `a b`, column by column. Other products of large matrices sum in blocks, as the processor at hand likes them: the last bit
 /// of a pose would depend on it.

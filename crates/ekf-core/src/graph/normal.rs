@@ -1,23 +1,13 @@
 //! The normal equations of a graph, and their sparse factor.
 
-use super::factor::Linear;
-use super::{Node, PoseGraph};
+use super::factor::{Factor, Linear};
+use super::node::{Node, starts};
 use crate::error::EkfError;
 use faer::MatMut;
 use faer::linalg::solvers::Solve;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{Argsort, Pair, SparseColMat, SymbolicSparseColMat};
 use nalgebra::{DMatrix, DVector};
-
-/// Where the numbers of each node begin among those of all.
-pub(super) fn starts(nodes: &[Node]) -> Vec<usize> {
-    let dims = nodes.iter().map(Node::dim);
-    let ends = dims.scan(0, |end, dim| {
-        *end += dim;
-        Some(*end - dim)
-    });
-    ends.collect()
-}
 
 /// `J^T J` as blocks below the diagonal, `-J^T r`, and `r^T r`.
 pub(super) struct Normal {
@@ -29,11 +19,8 @@ pub(super) struct Normal {
 }
 
 impl Normal {
-    pub(super) fn of(graph: &PoseGraph) -> Self {
-        let (starts, n) = (
-            starts(graph.nodes()),
-            graph.nodes().iter().map(Node::dim).sum(),
-        );
+    pub(super) fn of(nodes: &[Node], factors: &[Factor]) -> Self {
+        let (starts, n) = (starts(nodes), nodes.iter().map(Node::dim).sum());
         let mut normal = Self {
             places: Vec::new(),
             entries: Vec::new(),
@@ -41,12 +28,12 @@ impl Normal {
             cost: 0.0,
             n,
         };
-        for factor in graph.factors() {
+        for factor in factors {
             let Linear {
                 residual,
                 by_first,
                 by_second,
-            } = factor.linear(graph.nodes());
+            } = factor.linear(nodes);
             normal.cost += residual.norm_squared();
             let sides = [
                 factor.first.map(|i| (starts[i], &by_first)),

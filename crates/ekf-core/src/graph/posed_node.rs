@@ -1,6 +1,8 @@
 //! A pose in the map that a graph makes, and how it goes on from there by what the filter knows (METHOD 25).
 
-use super::{Edge, Node, times};
+use super::factor::Edge;
+use super::node::Node;
+use super::times;
 use crate::error::EkfError;
 use crate::math::quat;
 use nalgebra::DMatrix;

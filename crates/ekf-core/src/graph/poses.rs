@@ -1,10 +1,10 @@
 //! The graph and its solution.
 
 use super::factor::Factor;
-use super::normal::{Normal, starts};
-use super::{Marginals, Transferred};
+use super::marginals::Marginals;
+use super::node::{Node, starts};
+use super::normal::Normal;
 use crate::error::EkfError;
-use crate::math::pose::Pose;
 use nalgebra::{DMatrix, DVector};
 
 /// Most steps of a solution: from where a chain of poses stands, some five do.
@@ -15,28 +15,6 @@ const STANDS: f64 = 1e-10;
 const FIRST_DAMPING: f64 = 1e-6;
 /// From there it grows tenfold, until nothing moves any more.
 const MOST_DAMPING: f64 = 1e12;
-
-/// The pose of a submap in W, and by how much what it transferred is wrong.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Node {
-    /// `T_WX`.
-    pub pose: Pose,
-    /// See [`Transferred`].
-    pub transferred: Transferred,
-}
-
-impl Node {
-    /// At a pose, with nothing wrong of so many numbers that it transfers.
-    pub fn at(pose: Pose, transferred: usize) -> Self {
-        let transferred = Transferred::zeros(transferred);
-        Self { pose, transferred }
-    }
-
-    /// Numbers of it: the right tangent of its pose, and what it transfers.
-    pub fn dim(&self) -> usize {
-        6 + self.transferred.len()
-    }
-}
 
 /// Nodes, and factors between them.
 #[derive(Clone, Debug, Default)]
@@ -104,7 +82,7 @@ impl PoseGraph {
     }
 
     fn descend(&mut self) -> Result<Solved, EkfError> {
-        let mut normal = Normal::of(self);
+        let mut normal = Normal::of(&self.nodes, &self.factors);
         let pattern = normal.pattern()?;
         let (mut damping, mut steps) = (0.0, 0);
         while steps < MOST_STEPS && damping <= MOST_DAMPING {
@@ -129,7 +107,7 @@ impl PoseGraph {
                     marginals,
                 });
             }
-            let there = Normal::of(self);
+            let there = Normal::of(&self.nodes, &self.factors);
             // What rounding adds is no way uphill.
             if there.cost <= normal.cost * (1.0 + 1e-12) + 1e-15 {
                 damping *= 0.1;
@@ -165,7 +143,7 @@ impl PoseGraph {
     /// # Errors
     /// `NotPositiveDefinite` if a node is tied to nothing.
     pub fn marginals(&self) -> Result<Marginals, EkfError> {
-        Marginals::of(self)
+        Marginals::of(&self.nodes, &self.factors)
     }
 
     /// Chi-square of a factor before it is believed: its residual against its own noise and that of its nodes.

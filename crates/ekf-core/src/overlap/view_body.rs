@@ -1,9 +1,10 @@
 //! A field of view as a convex body, and two of them cut by Sutherland and Hodgman.
 
-use super::SAMPLES;
 use crate::camera::Camera;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+/// Points taken along each side of the image, and along each edge of the common body.
+pub(super) const SAMPLES: usize = 8;
 /// Widest slope `x / z` of a body: 85 degrees off the axis.
 const MAX_SLOPE: f64 = 11.43;
 

@@ -9,7 +9,6 @@ use super::pigeonhole::{Pigeonhole, Rows};
 use super::scratch::Scratch;
 use crate::validate::batch::Blocks;
 use crate::validate::quantiles::Quantiles;
-use bounds::Outlook;
 
 /// Most groups that are looked at together.
 const MOST_INTACT: usize = 6;
@@ -17,6 +16,16 @@ const MOST_INTACT: usize = 6;
 const MOST_CHOICES: usize = 600;
 /// Work, rows left out times rows squared, that counts as one more node of the budget.
 const WORK_PER_NODE: usize = 250_000;
+
+/// What the bounds say about a node.
+enum Outlook {
+    /// No set below it can win.
+    Refuted,
+    /// Decide next whether this candidate is added.
+    Decide(usize),
+    /// Decide next which block of `G` is brought back first.
+    BringBack,
+}
 
 /// Depth-first search over all sets.
 pub(in crate::validate) struct Search<'a> {

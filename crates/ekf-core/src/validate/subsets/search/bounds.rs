@@ -1,17 +1,7 @@
 //! What no set below a node of the search can exceed: the bounds of the page of [`hohct`](crate::validate::hohct).
 
-use super::Search;
+use super::{Outlook, Search};
 use crate::validate::subsets::level::{Level, PerTheta, THETAS, sum_of_largest};
-
-/// What the bounds say about a node.
-pub(super) enum Outlook {
-    /// No set below it can win.
-    Refuted,
-    /// Decide next whether this candidate is added.
-    Decide(usize),
-    /// Decide next which block of `G` is brought back first.
-    BringBack,
-}
 
 impl Search<'_> {
     /// Bounds the sets below a node, see [`Search::explore`], and chooses how to go on.
