@@ -33,7 +33,7 @@ STARTS = [
     (box(b"mif1", b"avif", b"miaf"), "an AVIF image", "convert it to PNG"),
     (box(b"isom", b"mp41"), r"a film \(MP4 or MOV\)", "give the film"),
     (box(b"crx "), "a raw image of a camera", "develop it"),
-    (b"GIF89a" + b"\0" * 40, "a GIF", "convert it to PNG"),
+    (b"GIF89a" + b"\0" * 40, "a GIF image", "convert it to PNG"),
     (b"\xff\x4f\xff\x51\0", "a JPEG 2000 image", "convert it to PNG"),
     (b"\xff\x0a\0\0", "a JPEG XL image", "convert it to PNG"),
     (b"II+\0\x08\0", "a BigTIFF", "convert it to PNG"),
@@ -108,7 +108,7 @@ def test_a_few_beside_those_that_are_read_are_told(
     ("name", "data", "said"),
     [
         ("one.png", bytes(cv2.imencode(".png", IMAGE)[1]), "is a PNG, not a recording; give the folder"),
-        ("walk.gif", b"GIF89a" + b"\0" * 60, "is a GIF, which is not read as a recording; convert"),
+        ("walk.gif", b"GIF89a" + b"\0" * 60, "is a GIF image, which is not read as a recording; convert"),
         ("walk.3gp", box(b"3gp4"), "rename it so that it ends in .mp4"),
         ("walk.zip", b"PK\x03\x04" + b"\0" * 60, "is a ZIP archive.*unpack it"),
     ],
