@@ -2740,8 +2740,8 @@ class WornSettings:
     @property
     def length_sd(self) -> float:
         """Standard deviation of the logarithm of T_CF's lengths, an error for good, where the worn
-        view itself says which part of its covariance lasts and that part is less: no device knows
-        its scale better (METHOD 6).
+        view itself says which part of its covariance lasts, or a bias_share of 0 that none does,
+        and that part is less: no device knows its scale better (METHOD 6).
         """
     @property
     def bias_time(self) -> float:

@@ -234,7 +234,7 @@ macro_rules! filter_settings {
         bias_share: f64 = 0.9, "", Some(0.0), Some(1.0),
             User("Set it to 0 where the errors of T_CF are known to be independent from frame to frame.");
         /// Standard deviation of the logarithm of T_CF's lengths, an error for good, where the worn view itself says which part of its
-        /// covariance lasts and that part is less: no device knows its scale better (METHOD 6).
+        /// covariance lasts, or a bias_share of 0 that none does, and that part is less: no device knows its scale better (METHOD 6).
         length_sd: f64 = 0.01, "", Some(0.0), Some(1.0),
             User("Set it to what a device is known to have, 0.001 for motion capture; 0 for what has no error of scale, as in a simulation.");
         /// Time constant of what lasts, within an overlap.

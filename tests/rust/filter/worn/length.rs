@@ -16,8 +16,19 @@ struct End {
     distance: f64,
 }
 
-/// T_CF is `factor` times as long from a frame on, as is doubted by `doubt` two frames later.
-fn way(seed: u64, length_sd: f64, (from, factor): (u32, f64), doubt: f64) -> End {
+/// T_CF is `factor` times as long from a frame on, as is doubted by `doubt` two frames later; each view says that nothing lasts.
+fn way(seed: u64, length_sd: f64, change: (u32, f64), doubt: f64) -> End {
+    way_said(seed, length_sd, change, doubt, Some(Matrix6::zeros()))
+}
+
+/// The same with what each view says that lasts; the setting says that nothing does.
+fn way_said(
+    seed: u64,
+    length_sd: f64,
+    (from, factor): (u32, f64),
+    doubt: f64,
+    bias: Option<Matrix6<f64>>,
+) -> End {
     let mut scene = Scene::new(seed, 40);
     scene.worn_covariance = worn_covariance() * 0.01;
     let changes = [("worn.length_sd", length_sd), ("process.map_drift", 0.0)];
@@ -34,7 +45,7 @@ fn way(seed: u64, length_sd: f64, (from, factor): (u32, f64), doubt: f64) -> End
         }
         let (mut z, points) = scene.measure(t, &known, true);
         let worn = &mut z.views[0];
-        worn.bias = Some(Matrix6::zeros());
+        worn.bias = bias;
         if k >= from {
             worn.t_cf.translation *= factor;
         }
@@ -67,6 +78,13 @@ fn what_no_device_knows_is_told_and_leaves_the_estimate_alone() {
     let sd = |end: &End| end.filter.scale_sd().expect("metric");
     let more = (sd(&with).powi(2) - sd(&without).powi(2)).sqrt();
     assert!((0.018..0.021).contains(&more), "the scale has {more} more");
+}
+
+#[test]
+fn the_setting_says_that_nothing_lasts_as_the_views_do() {
+    let said = [Some(Matrix6::zeros()), None].map(|bias| way_said(3, 0.02, (0, 1.0), 0.0, bias));
+    let [by_views, by_setting] = said.map(|end| (end.filter.pose(), end.filter.pose_covariance()));
+    assert_eq!(by_views, by_setting);
 }
 
 /// Root mean square of the scale's error of eight ways, and mean of the distance.

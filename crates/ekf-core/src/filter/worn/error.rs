@@ -100,7 +100,7 @@ impl Filter {
         compensated: Option<&TimeCompensated>,
     ) {
         let share = self.setup.settings.worn.common_share;
-        let bias_covariance = self.bias_covariance(worn);
+        let bias_covariance = self.bias_covariance(&worn.covariance, worn.bias.as_ref());
         let j = into_f(worn, compensated);
         let is_known = self
             .memory
@@ -183,9 +183,20 @@ impl Filter {
         }
     }
 
-    fn bias_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
-        worn.bias
-            .unwrap_or(worn.covariance * self.setup.settings.worn.bias_share)
+    /// What lasts of the error of a T_CF where that is said: by the view, or of all views by a `worn.bias_share` of 0.
+    pub(super) fn stated_bias(&self, bias: Option<&Matrix6<f64>>) -> Option<Matrix6<f64>> {
+        let nothing_lasts = self.setup.settings.worn.bias_share <= 0.0;
+        bias.copied().or_else(|| nothing_lasts.then(Matrix6::zeros))
+    }
+
+    /// The same, `worn.bias_share` of the covariance where nobody says.
+    pub(super) fn bias_covariance(
+        &self,
+        covariance: &Matrix6<f64>,
+        bias: Option<&Matrix6<f64>>,
+    ) -> Matrix6<f64> {
+        self.stated_bias(bias)
+            .unwrap_or_else(|| covariance * self.setup.settings.worn.bias_share)
     }
 
     /// What the error of a view's T_CF comes from.
@@ -203,7 +214,7 @@ impl Filter {
         let mut white = if time_correlated.is_empty() {
             worn.covariance
         } else {
-            worn.covariance - self.bias_covariance(worn)
+            worn.covariance - self.bias_covariance(&worn.covariance, worn.bias.as_ref())
         };
         let mut common = Matrix6::zeros();
         if share > 0.0 {

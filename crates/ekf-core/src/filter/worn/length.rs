@@ -66,8 +66,8 @@ impl Filter {
         Ok(())
     }
 
-    /// Puts the error of a worn camera's lengths into the state where it has been doubted, and where a view says itself what lasts of
-    /// the error of T_CF and less of its length than any device can know of it, `worn.length_sd`. P holds it as known; it stands in
+    /// Puts the error of a worn camera's lengths into the state where it has been doubted, and where it is said what lasts of the error
+    /// of T_CF (`stated_bias`) and less of its length than any device can know of it, `worn.length_sd`. P holds it as known; it stands in
     /// an error mode of its own, so that it is told, and the estimate stays what it is.
     pub(super) fn open_length(
         &mut self,
@@ -80,8 +80,8 @@ impl Filter {
             return;
         }
         let least = self.setup.settings.worn.length_sd.powi(2);
-        let stated = worn
-            .bias
+        let stated = self
+            .stated_bias(worn.bias.as_ref())
             .map_or(least, |bias| by.dot(&(bias * by)) / squared.powi(2));
         let doubted = self.memory.length_sds.get(&worn.who).copied();
         let lasting = (least - stated).max(doubted.unwrap_or_default().powi(2));

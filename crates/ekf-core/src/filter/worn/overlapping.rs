@@ -20,7 +20,7 @@ impl Filter {
             any = true;
             own |= last.who == worn.who;
         }
-        if worn.bias.is_some() || own {
+        if self.stated_bias(worn.bias.as_ref()).is_some() || own {
             return;
         }
         self.memory

@@ -40,10 +40,7 @@ impl Filter {
     ) -> Result<ViewPlan, EkfError> {
         self.check_worn(t_cf, covariance, bias, who)?;
         let worn = self.setup.worn_model(who)?;
-        let time_correlated = bias
-            .map_or(covariance * self.setup.settings.worn.bias_share, |bias| {
-                *bias
-            });
+        let time_correlated = self.bias_covariance(covariance, bias);
         let in_view = |point: &Vector3<f64>| {
             let uv = self.setup.camera.project(point);
             uv.is_some_and(|uv| self.setup.camera.in_image(&uv, 0.0))
