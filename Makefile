@@ -99,11 +99,9 @@ wheel-arm64: $(VENV)/.core
 	$(WITH_BIN) $(BIN)/maturin build --release --locked --out dist/arm64 $(MANYLINUX) --target $(ARM64)
 	$(BIN)/python packaging/try_arm64.py dist/arm64
 
-# The evaluation of what needs no recordings, as an archive that goes with a release: dist/evaluation.tar.gz.
+# The evidence that needs no recordings, for a release: results/evaluation/evidence.tar.gz.
 evaluation: $(VENV)/.built
-	mkdir -p dist
-	$(BIN)/collabslam-lab evaluate dist --only demo --out results/evaluation
-	tar -czf dist/evaluation.tar.gz -C results evaluation
+	$(BIN)/collabslam-lab evidence --only demo --out results/evaluation
 
 # The wheel of the last commit, made in two folders, and whether both are the same to the byte. Two builds: minutes.
 SAME_VENV = VENV=$(abspath $(VENV)) --old-file $(abspath $(VENV))/.installed --old-file $(abspath $(VENV))/.fetched

@@ -53,6 +53,7 @@ def _reproduce(name: str, question: str, *names: str, options: Command = (), fil
 _EXPERIMENTS = ("table1", "fig11", "fig13", "table2", "fig15", "cost", "study")
 _SIMULATION = ("observability", "fig7", "fig8", "fig9", "fig10", "consistency", "worn-pose")
 _SIMULATED = ("reproduce", "all", "--out", OUT, JOBS, ENGINE)
+_DEMO = ("evaluate", OUT, "--out", OUT, JOBS, ENGINE, "--only", "demo")
 _ATTACKED = ("reliability", "attacks", "--out", f"{OUT}/reliability.json", JOBS)
 
 PARTS: tuple[Part, ...] = (
@@ -60,8 +61,14 @@ PARTS: tuple[Part, ...] = (
         "accuracy",
         "How far off is the pose, and does its covariance say so?",
         [["evaluate", DATA, "--out", OUT, JOBS, ENGINE]],
-        [["evaluate", OUT, "--out", OUT, JOBS, ENGINE, "--only", "demo", "--seeds", "0", "--modes", "mono"]],
+        [[*_DEMO, "--seeds", "0", "--modes", "mono"]],
         {"accuracy": "evaluate.md"},
+    ),
+    Part(
+        "demo",
+        "The same of the rendered demo alone, which needs no recordings?",
+        [_DEMO],
+        [[*_DEMO, "--seeds", "0"]],
     ),
     _evaluate(
         "ablation",
