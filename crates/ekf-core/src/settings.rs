@@ -131,7 +131,7 @@ macro_rules! filter_settings {
         /// How much of the error that landmarks in view share shows in their innovations: a new view stands beside an old one
         /// with this many times the part of the innovations that is beyond a patch's own noise, by angle (METHOD 20); 0 for
         /// errors that are as the noise of the pixels says.
-        map_drift: f64 = 10.0, "", Some(0.0), Some(100.0), Lab;
+        map_drift: f64 = 14.0, "", Some(0.0), Some(100.0), Lab;
     }
     /// Odometry as motion input (METHOD 23).
     odometry: OdometrySettings {
