@@ -10,6 +10,7 @@ from collabslam.datasets.images import list_images
 from collabslam.datasets.poses import interpolate_track, read_track
 from collabslam.datasets.units import as_seconds, read_stamps
 from collabslam.types import Recording
+from collabslam_lab.benchmark.altered import AlteredRecording
 from collabslam_lab.benchmark.plan import Entry
 
 _FIRST_CAMERA = "_0"
@@ -24,7 +25,8 @@ def open_folder(entry: Entry, data: Path) -> Recording:
         If it cannot be read.
     """
     folder = data / entry.folder
-    return open_recording(folder, poses=None if entry.truth is None else folder / entry.truth)
+    recording = open_recording(folder, poses=None if entry.truth is None else folder / entry.truth)
+    return recording if entry.altered is None else AlteredRecording(recording, entry.altered)
 
 
 def worn_of(entry: Entry, recording: Recording) -> str | PosedViews:

@@ -15,6 +15,7 @@ from collabslam.errors import SettingsError
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.modes import MODES, STARTS
 from collabslam.settings.table import Settings, flatten
+from collabslam_lab.benchmark.altered import ALTERATIONS
 from collabslam_lab.switches import with_switches
 
 RENDERED = ("demo",)
@@ -62,6 +63,8 @@ class Entry:
     view_poses : str or None
         A file in the folder with stamped poses of the images of ``views:FOLDER``, in TUM's order; they are
         of Cs, and their names are their stamps.
+    altered : str or None
+        One of `altered.ALTERATIONS`: it is made of the recording in the folder.
     available, period : float
         Share of each period, and its seconds, during which the worn camera is there.
     noise : tuple of float or None
@@ -90,6 +93,7 @@ class Entry:
     worn: str | None = None
     truth: str | None = None
     view_poses: str | None = None
+    altered: str | None = None
     available: float = 1.0
     period: float = 5.0
     noise: tuple[float, ...] | None = None
@@ -219,6 +223,10 @@ def _entry(name: str, given: Mapping[str, Any], origin: str) -> Entry:
         entry = Entry(name=name, **values)
     if entry.rendered is not None and entry.worn is not None:
         raise SettingsError(f"{where}: a rendered scene brings its own worn camera; leave out 'worn'.")
+    if entry.altered is not None and not (entry.worn or "").startswith(("lag:", "none")):
+        raise SettingsError(
+            f"{where}: an altered recording keeps the images of Cs alone; give worn: lag:SECONDS."
+        )
     return entry
 
 
@@ -319,6 +327,7 @@ _FIELDS: dict[str, Callable[[Any, str], Any]] = {
     "worn": _text,
     "truth": _text,
     "view_poses": _text,
+    "altered": _choice(ALTERATIONS),
     "available": _number,
     "period": _number,
     "noise": _noise,

@@ -22,6 +22,7 @@ A plan is a YAML file:
       worn: lag:2.0              # lag:SECONDS, rig, views:FOLDER, recorded, none; left out: as recorded
       truth: poses/frames.txt    # stamped poses of Cs (TUM), in place of the recording's own
       view_poses: poses/keys.txt # those of the images of views:FOLDER, which Cs took at other times
+      altered: mirrored          # or backwards, later: recordings that nothing was chosen on; lag: or none
       available: 0.4             # share of each period that Cf is there, from its beginning
       period: 5.0                # seconds
       noise: [0.03, 0.5, 0.5, 1] # of T_CF: metres, degrees of roll, pitch, yaw; a rig: 0.002, 0.05 each

@@ -23,6 +23,7 @@ from collabslam.settings.table import Settings
 from collabslam_lab.benchmark import (
     ablation,
     accuracy,
+    altered,
     blackout,
     descriptors,
     figures,
@@ -171,6 +172,37 @@ def test_a_changed_recording_or_option_is_another_run(place: Path, tmp_path: Pat
         ]
     }
     assert len(prints) == 5
+
+
+@pytest.mark.parametrize("how", altered.ALTERATIONS)
+def test_an_altered_recording_is_one_recording(clip: Clip, how: str) -> None:
+    """Points that the made camera and poses put into the images are where the images have them."""
+    base = Short(clip, 7)
+    made = altered.AlteredRecording(base, how)
+    assert (np.diff(made.times) > 0.0).all()
+    assert len(made) == len(made.times) == len(made.truth) == (5 if how == altered.LATER else 7)
+    source = {altered.MIRRORED: 3, altered.BACKWARDS: 3, altered.LATER: 5}[how]
+    at = {altered.MIRRORED: 3, altered.BACKWARDS: 3, altered.LATER: 3}[how]
+    mirror = np.diag([-1.0, 1.0, 1.0]) if how == altered.MIRRORED else np.eye(3)
+    points = np.array([[0.3, 0.2, 2.0], [-0.4, -0.1, 3.0]])
+    seen = base.camera.project(points).uv
+    world = points @ base.truth[source][:3, :3].T + base.truth[source][:3, 3]
+    pose = made.truth[at]
+    again = made.camera.project((world @ mirror - pose[:3, 3]) @ pose[:3, :3]).uv
+    if how == altered.MIRRORED:
+        seen[:, 0] = base.camera.width - 1.0 - seen[:, 0]
+    assert np.allclose(again, seen)
+    frame = made.frame(at)
+    expected = base.image(source)
+    assert np.array_equal(frame.image, expected[:, ::-1] if how == altered.MIRRORED else expected)
+    assert (frame.index, frame.t, frame.views) == (at, made.times[at], ())
+
+
+def test_the_plan_of_altered_recordings_is_sound() -> None:
+    plan = find_plan(Path("/nowhere"), Path(altered.__file__).with_suffix(".yaml"))
+    assert {entry.altered for entry in plan.recordings} == set(altered.ALTERATIONS)
+    with pytest.raises(SettingsError, match="lag:SECONDS"):
+        parse_plan("recordings: {a: {worn: rig, altered: mirrored}}")
 
 
 def test_a_constant_is_scored_as_the_other_recordings_choose_it(place: Path) -> None:
