@@ -9,7 +9,7 @@ RUN PATH=/build/bin:$PATH maturin build --release --locked --compatibility linux
 
 FROM python:3.12-slim-bookworm
 COPY --from=build /dist /dist
-RUN wheel=$(ls /dist/*.whl) && pip install --no-cache-dir "$wheel[live,plot,ros]" && rm -r /dist
+RUN wheel=$(ls /dist/*.whl) && pip install --no-cache-dir "${wheel}[live,plot,ros]" && rm -r /dist
 WORKDIR /data
 ENTRYPOINT ["collabslam"]
 CMD ["--help"]

@@ -41,12 +41,14 @@ impl Clone for Aligned {
 
 impl Deref for Aligned {
     type Target = [f64];
+    #[inline]
     fn deref(&self) -> &[f64] {
         &self.data[self.skip..self.skip + self.len]
     }
 }
 
 impl DerefMut for Aligned {
+    #[inline]
     fn deref_mut(&mut self) -> &mut [f64] {
         &mut self.data[self.skip..self.skip + self.len]
     }

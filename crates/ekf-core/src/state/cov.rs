@@ -7,6 +7,7 @@
 //! Features born from one camera position have the same anchor: three rows of P that are equal for ever, since
 //! nothing tells them apart. Such rows are stored once: row `i` of P is row `slots[i]` of what is stored.
 
+mod compaction;
 mod rounding;
 
 use super::CAMERA_DIM;
@@ -79,11 +80,13 @@ impl Covariance {
     }
 
     /// One entry.
+    #[inline]
     pub fn get(&self, i: usize, j: usize) -> f64 {
         self.stored_entry(self.slots[i], self.slots[j])
     }
 
     /// One entry by stored rows.
+    #[inline]
     pub(crate) fn stored_entry(&self, i: usize, j: usize) -> f64 {
         let (i, j) = if i >= j { (i, j) } else { (j, i) };
         self.data[i + j * self.ld]
@@ -338,13 +341,16 @@ impl Covariance {
         for part in parts {
             let rows = part.rows(k);
             let rows = rows.start.max(known)..rows.end;
+            let (slots, ld) = (&self.slots[part.offset..][..part.width], self.ld);
+            let data: &mut [f64] = &mut self.data;
             for j in 0..n {
-                let to = n + j * self.ld;
-                for w in 0..part.width {
-                    let p = self.stored_entry(self.slots[part.offset + w], j);
-                    for r in rows.clone() {
-                        self.data[to + r - known] += part.matrix[r + w * k] * p;
+                for r in rows.clone() {
+                    let to = n + j * ld + r - known;
+                    let mut sum = data[to];
+                    for (by, &slot) in part.matrix[r..].iter().step_by(k).zip(slots) {
+                        sum += by * data[slot.max(j) + slot.min(j) * ld];
                     }
+                    data[to] = sum;
                 }
             }
         }
@@ -369,26 +375,6 @@ impl Covariance {
                 self.set(at + r, at + c, (own[(r, c)] + own[(c, r)]) * 0.5);
             }
         }
-    }
-
-    /// Keeps the rows and columns listed in `keep` (increasing), in one compaction.
-    pub(crate) fn keep(&mut self, keep: &[usize]) {
-        let mut used = vec![false; self.n];
-        for &i in keep {
-            used[self.slots[i]] = true;
-        }
-        let kept: Vec<usize> = (0..self.n).filter(|&slot| used[slot]).collect();
-        for (new_j, &j) in kept.iter().enumerate() {
-            for (new_i, &i) in kept.iter().enumerate().skip(new_j) {
-                self.data[new_i + new_j * self.ld] = self.data[i + j * self.ld];
-            }
-        }
-        self.n = kept.len();
-        for (new, &old) in keep.iter().enumerate() {
-            // Slots keep their order, so that a search finds the new one.
-            self.slots[new] = kept.partition_point(|&slot| slot < self.slots[old]);
-        }
-        self.slots.truncate(keep.len());
     }
 
     /// `P <- P - V V^T` on the stored triangle (B2), and less a further symmetric product.

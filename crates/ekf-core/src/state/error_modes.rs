@@ -46,12 +46,7 @@ impl Told<'_> {
         i: usize,
         j: usize,
     ) -> SMatrix<f64, R, C> {
-        let p = &self.state.p;
-        let parts = self.modes.clone().map(|k| {
-            let rows = std::array::from_fn(|r| p.get(i + r, k));
-            (rows, std::array::from_fn(|c| p.get(j + c, k)))
-        });
-        self.with_modes(i, j, parts)
+        self.between(&self.rows::<R>(i), &self.rows::<C>(j))
     }
 
     /// `R` rows of the state from `i` on with their part in each mode, to be read against many others.
@@ -64,36 +59,24 @@ impl Told<'_> {
         }
     }
 
-    /// The block of these rows and columns.
+    /// The block of these rows and columns; each entry is summed as `get` does.
     pub(crate) fn between<const R: usize, const C: usize>(
         &self,
         rows: &ToldRows<R>,
         columns: &ToldRows<C>,
     ) -> SMatrix<f64, R, C> {
-        let parts = rows
-            .parts
-            .iter()
-            .copied()
-            .zip(columns.parts.iter().copied());
-        self.with_modes(rows.from, columns.from, parts)
-    }
-
-    /// The block at `(i, j)`, given the part of its rows and of its columns in each mode; each entry is summed as `get` does.
-    fn with_modes<const R: usize, const C: usize>(
-        &self,
-        i: usize,
-        j: usize,
-        parts: impl Iterator<Item = ([f64; R], [f64; C])>,
-    ) -> SMatrix<f64, R, C> {
-        let mut time_correlated = SMatrix::<f64, R, C>::repeat(-0.0);
-        for (rows, columns) in parts {
-            for (mut sums, by) in time_correlated.column_iter_mut().zip(columns) {
-                for (sum, row) in sums.iter_mut().zip(rows) {
-                    *sum += row * by;
+        // Column by column, whose sums stay in registers.
+        let time_correlated: [[f64; R]; C] = std::array::from_fn(|c| {
+            let mut sums = [-0.0; R];
+            for (of_rows, of_columns) in rows.parts.iter().zip(&columns.parts) {
+                for (sum, row) in sums.iter_mut().zip(of_rows) {
+                    *sum += row * of_columns[c];
                 }
             }
-        }
-        SMatrix::from_fn(|r, c| self.state.p.get(i + r, j + c) + time_correlated[(r, c)])
+            sums
+        });
+        let p = &self.state.p;
+        SMatrix::from_fn(|r, c| p.get(rows.from + r, columns.from + c) + time_correlated[c][r])
     }
 
     /// 6x6 covariance of the camera's pose, (translation, rotation), right tangent (METHOD 1).
