@@ -192,7 +192,7 @@ impl Scene {
             let covariance = nalgebra::Matrix6::identity() * 1e-6;
             let ids = self
                 .filter
-                .start_from_points(&points, &noise, &shared, &covariance);
+                .add_points(&points, &noise, &shared, &covariance);
             self.points = ids.map_err(text)?.into_iter().zip(points).collect();
             return Ok(self.points.len());
         }

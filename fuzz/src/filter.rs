@@ -125,7 +125,7 @@ impl Life {
                 self.filter.manage_map(&[]);
                 ("manage_map", Ok(()))
             }
-            14 => ("start_from_points, add_points", self.start(bytes)),
+            14 => ("add_points", self.start(bytes)),
             15 => ("snapshot and restore", self.save()),
             16 => ("promote_candidates", self.promote(bytes)),
             17 => ("start_from_views", self.start_from_views(bytes)),
@@ -330,12 +330,9 @@ impl Life {
             })
             .collect();
         let covariance = Matrix6::identity() * bytes.or_nasty(1e-3);
-        let filter = &mut self.filter;
-        let born = if filter.started() {
-            filter.add_points(&points, &noise, &shared, &covariance)
-        } else {
-            filter.start_from_points(&points, &noise, &shared, &covariance)
-        };
+        let born = self
+            .filter
+            .add_points(&points, &noise, &shared, &covariance);
         born.map(|_| ())
     }
 

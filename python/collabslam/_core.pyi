@@ -987,37 +987,11 @@ class Filter:
             not increase, or a filter that has
             started; it stays as it was.
         """
-    def start_from_points(
-        self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
-    ) -> NDArray[np.int64]:
-        """Starts from points of known position in C (METHOD 10).
-
-        Parameters
-        ----------
-        points : (N, 3) float64
-            Metres in C.
-        noise : (N, 3, 3) float64
-            Covariance of each point by itself, m^2.
-        shared : (N, 3, 6) float64
-            Derivative of each point by the 6-number error of the target's pose.
-        covariance : (6, 6) float64
-            Covariance of that error.
-
-        Returns
-        -------
-        (N,) int64
-            Feature ids.
-
-        Raises
-        ------
-        InputError
-            For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
-            started.
-        """
     def add_points(
         self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
     ) -> NDArray[np.int64]:
-        """Adds a rigid target that comes into view: points of known position in C (METHOD 10).
+        """Adds a rigid target in view: points of known position in C (METHOD 10). A filter that has not
+        started does so from them.
 
         Later bearings of them are metric: what they do not share is all that their distances can be wrong by.
 
@@ -1040,8 +1014,7 @@ class Filter:
         Raises
         ------
         InputError
-            For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
-            not started.
+            For wrong shapes, NaN, a covariance that is none, or a point at the camera.
         """
     def set_imu(self, r_ci: ArrayLike, time_offset: float) -> None:
         """Says that there is a gyroscope and how it sits, before the start; the settings say how good it is.

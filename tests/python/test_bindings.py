@@ -152,7 +152,6 @@ CALLS: dict[str, tuple[Callable[[Filter], object], str]] = {
     "undelayed nan": (lambda f: f.add_undelayed(NAN_UV), "pixel"),
     "undelayed columns": (lambda f: f.add_undelayed(np.zeros((1, 3))), "uv has shape"),
     "remove unknown": (lambda f: f.remove_features(np.append(_one(f), UNKNOWN)), "id 1000000"),
-    "start again": (lambda f: _points(f), "started already"),
     "overlap pose shape": (lambda f: f.predict_overlap(np.eye(3), SIGMA), "t_cf has shape"),
     "overlap covariance shape": (lambda f: f.predict_overlap(T_CF, np.eye(5)), "covariance has shape"),
     "overlap pose nan": (lambda f: f.predict_overlap(NAN_POSE, SIGMA), "t_cf"),
@@ -176,7 +175,7 @@ STARTS: dict[str, tuple[dict[str, Any], str]] = {
     "covariance nan": ({"covariance": np.full((6, 6), np.nan)}, "covariance"),
     "covariance negative": ({"covariance": -np.eye(6)}, "covariance"),
 }
-"""A bad argument of `start_from_points`, and words of its message."""
+"""A bad argument of `add_points`, and words of its message."""
 
 
 def _depth(core: Filter, depth: Any, sigma: Any) -> object:
@@ -190,7 +189,7 @@ def _points(core: Filter, **changes: Any) -> Any:
         "shared": np.zeros((2, 3, 6)),
         "covariance": 1e-4 * np.eye(6),
     }
-    return core.start_from_points(**{**arguments, **changes})
+    return core.add_points(**{**arguments, **changes})
 
 
 def test_the_filter_under_test_is_started() -> None:
@@ -213,7 +212,7 @@ def test_bad_call(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", STARTS)
-def test_bad_start_from_points(name: str) -> None:
+def test_bad_add_points(name: str) -> None:
     changes, words = STARTS[name]
     core = Filter(CS)
     before = _state(core)

@@ -255,7 +255,7 @@ fn extreme_numbers_do_not_get_in() {
         for (p, n, s) in [(0, 0, 1), (1, 1, 1), (1, 0, 0)] {
             let shared = if s == 0 { shared[0] } else { SMatrix::zeros() };
             let start =
-                fresh.start_from_points(&[points[p]], &[noise[n]], &[shared], &Matrix6::identity());
+                fresh.add_points(&[points[p]], &[noise[n]], &[shared], &Matrix6::identity());
             assert!(finite(&fresh), "{x:e} {p} {n} {s}");
             match start {
                 Ok(_) => fresh = Filter::restore(&before).expect("as it was"),
@@ -278,7 +278,7 @@ fn a_rho_that_crosses_zero_is_no_point_and_goes() {
     let noise = vec![Matrix3::identity() * 1e-6; points.len()];
     let shared = vec![SMatrix::<f64, 3, 6>::zeros(); points.len()];
     let ids = filter
-        .start_from_points(&points, &noise, &shared, &(Matrix6::identity() * 1e-12))
+        .add_points(&points, &noise, &shared, &(Matrix6::identity() * 1e-12))
         .expect("good points");
     // Born once the camera's motion is known: an update is linearised where that says the camera is.
     const BORN: i32 = 5;

@@ -25,7 +25,7 @@ fn start(common: f64, own: &[f64]) -> Filter {
     }
     let covariance = Matrix6::identity() * common.powi(2);
     filter
-        .start_from_points(&points, &noise, &shared, &covariance)
+        .add_points(&points, &noise, &shared, &covariance)
         .unwrap();
     filter
 }
@@ -139,13 +139,9 @@ fn a_target_that_comes_into_view_tells_the_scale() {
         "lists of two lengths"
     );
     assert!(filter.snapshot() == snapshot);
-    assert!(
-        add(
-            &mut Filter::new(Settings::default(), camera.clone(), None),
-            &corners
-        )
-        .is_err()
-    );
+    let mut fresh = Filter::new(Settings::default(), camera.clone(), None);
+    add(&mut fresh, &corners).expect("a target");
+    assert!(fresh.started());
     let ids = add(&mut filter, &corners).expect("a target");
     assert_eq!(ids.len(), 4);
     // The camera moves sideways, and all points are seen where they are.

@@ -31,7 +31,7 @@ fn filter() -> Filter {
     let shared: Vec<_> = points.iter().map(by_scale).collect();
     let covariance = Matrix6::identity() * 0.05_f64.powi(2);
     let ids = filter
-        .start_from_points(&points, &noise, &shared, &covariance)
+        .add_points(&points, &noise, &shared, &covariance)
         .expect("good points");
     filter.predict(0.1).expect("time goes on");
     let pixels = filter.predict_pixels();

@@ -102,7 +102,7 @@ class CoreRun:
         count = len(points)
         noise = np.repeat(sigma**2 * np.eye(3)[None], count, axis=0)
         shared, exact = np.zeros((count, 3, 6)), np.zeros((6, 6))
-        ids = self.filter.start_from_points(points, noise, shared, exact)
+        ids = self.filter.add_points(points, noise, shared, exact)
         self._adopt(ids, numbers)
 
     def step(self, frame: SimulatedFrame) -> UpdateReport:

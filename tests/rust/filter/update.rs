@@ -835,7 +835,7 @@ fn starts_at(range: f64) -> (bool, f64) {
     let noise = vec![Matrix3::identity() * (1e-3 * range).powi(2); points.len()];
     let shared = vec![SMatrix::<f64, 3, 6>::zeros(); points.len()];
     let ids = filter
-        .start_from_points(&points, &noise, &shared, &Matrix6::identity())
+        .add_points(&points, &noise, &shared, &Matrix6::identity())
         .expect("good points");
     let speed = filter.pose_and_twist_covariance()[(6, 6)].sqrt();
     filter.predict(0.1).expect("time goes on");

@@ -214,45 +214,8 @@ impl PyFilter {
         Ok(to_ids(py, ids))
     }
 
-    /// Starts from points of known position in C (METHOD 10).
-    ///
-    /// Parameters
-    /// ----------
-    /// points : (N, 3) float64
-    ///     Metres in C.
-    /// noise : (N, 3, 3) float64
-    ///     Covariance of each point by itself, m^2.
-    /// shared : (N, 3, 6) float64
-    ///     Derivative of each point by the 6-number error of the target's pose.
-    /// covariance : (6, 6) float64
-    ///     Covariance of that error.
-    ///
-    /// Returns
-    /// -------
-    /// (N,) int64
-    ///     Feature ids.
-    ///
-    /// Raises
-    /// ------
-    /// InputError
-    ///     For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
-    ///     started.
-    fn start_from_points(
-        &self,
-        py: Python<'_>,
-        points: Argument<'_>,
-        noise: Argument<'_>,
-        shared: Argument<'_>,
-        covariance: Argument<'_>,
-    ) -> PyResult<Column<i64>> {
-        let k = KnownPoints::parse(&points, &noise, &shared, &covariance)?;
-        let ids = self.write(py, |f| {
-            f.start_from_points(&k.points, &k.noise, &k.shared, &k.covariance)
-        })?;
-        Ok(to_ids(py, ids.into_iter().map(Some)))
-    }
-
-    /// Adds a rigid target that comes into view: points of known position in C (METHOD 10).
+    /// Adds a rigid target in view: points of known position in C (METHOD 10). A filter that has not
+    /// started does so from them.
     ///
     /// Later bearings of them are metric: what they do not share is all that their distances can be wrong by.
     ///
@@ -275,8 +238,7 @@ impl PyFilter {
     /// Raises
     /// ------
     /// InputError
-    ///     For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
-    ///     not started.
+    ///     For wrong shapes, NaN, a covariance that is none, or a point at the camera.
     fn add_points(
         &self,
         py: Python<'_>,

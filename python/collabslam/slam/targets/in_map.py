@@ -51,7 +51,7 @@ class SeenTarget:
 
 
 def known_points(seen: Sighting) -> tuple[Array, Array, Array]:
-    """A printed target as the filter takes it, for `Filter.start_from_points` and `Filter.add_points`.
+    """A printed target as the filter takes it, for `Filter.add_points`.
 
     Returns
     -------

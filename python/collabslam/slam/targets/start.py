@@ -93,7 +93,7 @@ class TargetStart(Start):
         corners = detect_corners(image, seen.uv, count, options.detect, SIZE, hidden=hidden)
         on_plane, points = self._on_target_plane(corners, seen)
         flat = points[on_plane]
-        ids = self._core.start_from_points(
+        ids = self._core.add_points(
             np.concatenate([known, flat]),
             np.concatenate([noise, self._own_noise(flat, _PLANE_SD)]),
             np.concatenate([shared, by_pose_error(flat)]),

@@ -215,55 +215,17 @@ impl Filter {
         Some((unit * depth.depth, noise))
     }
 
-    /// Starts from points of known position in C, which share the error of a target's pose; see [`Self::add_points`].
-    ///
-    /// # Errors
-    /// As [`Self::add_points`], and `InvalidInput` if the filter has started already.
-    pub fn start_from_points(
-        &mut self,
-        points: &[Vector3<f64>],
-        noise: &[Matrix3<f64>],
-        shared: &[SMatrix<f64, 3, 6>],
-        covariance: &Matrix6<f64>,
-    ) -> Result<Vec<u64>, EkfError> {
-        if self.memory.started {
-            return Err(EkfError::InvalidInput {
-                what: "start",
-                why: "the filter has started already; make a new one".into(),
-            });
-        }
-        let ids = self.append_points(points, noise, shared, covariance)?;
-        self.start();
-        Ok(ids)
-    }
-
-    /// Adds points of known position in C to the map of a filter that has started: a rigid target that comes into view
-    /// (METHOD 10). Their places relative to each other are known as well as `noise` says, whatever becomes of the error
-    /// that they share, so that later bearings of them are metric.
+    /// Adds points of known position in C, of a rigid target in view, to the map (METHOD 10); a filter that has not started does so
+    /// from them. Their places relative to each other are known as well as `noise` says, whatever becomes of the error that they
+    /// share, so that later bearings of them are metric.
     ///
     /// `points` are metres in C, `noise` is the covariance of each by itself, `shared` its derivative by the 6-number error
     /// of the target's pose, whose covariance is `covariance`. Returns the features' ids.
     ///
     /// # Errors
-    /// `BadShape` if the lists differ in length, `NonFinite`, `InvalidInput` for no points, one at the camera's centre, a
-    /// covariance that is none, or a filter that has not started; nothing changes then.
+    /// `BadShape` if the lists differ in length, `NonFinite`, `InvalidInput` for no points, one at the camera's centre, or a
+    /// covariance that is none; nothing changes then.
     pub fn add_points(
-        &mut self,
-        points: &[Vector3<f64>],
-        noise: &[Matrix3<f64>],
-        shared: &[SMatrix<f64, 3, 6>],
-        covariance: &Matrix6<f64>,
-    ) -> Result<Vec<u64>, EkfError> {
-        if !self.memory.started {
-            return Err(EkfError::InvalidInput {
-                what: "points",
-                why: "the filter has not started; start it from them".into(),
-            });
-        }
-        self.append_points(points, noise, shared, covariance)
-    }
-
-    fn append_points(
         &mut self,
         points: &[Vector3<f64>],
         noise: &[Matrix3<f64>],
@@ -326,6 +288,9 @@ impl Filter {
             });
         };
         self.memory.state.remove(|b| b.id == error.id);
+        if !self.memory.started {
+            self.start();
+        }
         Ok(ids)
     }
 }
