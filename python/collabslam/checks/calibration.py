@@ -54,14 +54,15 @@ class CalibrationReport(Report):
     @property
     def checked(self) -> bool:
         """Whether there was anything to hold the images against."""
-        return bool(self.by_gap) or self.worn.checked
+        return bool(self.by_gap) or self.worn.residual is not None
 
     @property
     def agrees(self) -> bool:
         """Whether all that was checked agrees with the images; see `worn.MOST_PX`."""
         return (
-            super().agrees
-            and (self.worn.agrees or not self.worn.checked)
+            self.checked
+            and not self.findings
+            and (self.worn.residual is None or self.worn.agrees)
             and all(r <= MOST_PX for r in self.by_gap.values())
         )
 
@@ -117,7 +118,7 @@ def check_calibration(
             "the frame nearest to it, and that counts as noise of T_CF."
         )
     alone = None
-    if not robot.checked:
+    if not robot.by_gap:
         tell("focal length by the images of Cs alone")
         alone = focal_range(recording.image, range(len(recording)), MirroredCamera(recording.camera))
         if alone is not None and alone.contradicts:

@@ -39,7 +39,7 @@ def check_depth(recording: AtFrames, robot: RobotReport, undo: PoseMistake | Non
     """
     if not recording.has_depth:
         return []
-    by_truth = robot.poses is not None and robot.checked
+    by_truth = robot.poses is not None and bool(robot.by_gap)
     every = np.concatenate(
         [
             _ratios(

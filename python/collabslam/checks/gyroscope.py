@@ -79,9 +79,9 @@ class GyroReport(Report):
     told_left: float | None = None
 
     @property
-    def checked(self) -> bool:
-        """Whether mount and clock were held against the images."""
-        return self.sensor is not None
+    def agrees(self) -> bool:
+        """Whether mount and clock were held against the images, and fit."""
+        return self.sensor is not None and not self.findings
 
 
 def check_gyroscope(recording: Recording) -> GyroReport | None:

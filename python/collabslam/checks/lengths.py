@@ -47,11 +47,6 @@ class LengthReport(Report):
 
     ratio: float | None = None
 
-    @property
-    def checked(self) -> bool:
-        """Whether points seen three times told it."""
-        return self.ratio is not None
-
 
 class _Triple(NamedTuple):
     """Unit rays of points seen by Cs, by Cf and by Cs later, and the poses of the other two in Cs."""
@@ -76,7 +71,7 @@ def check_lengths(recording: AtFrames, robot: RobotReport, undo: PoseMistake | N
     """
     if recording.worn_camera is None:
         return LengthReport()
-    if robot.poses is None or not robot.checked:
+    if robot.poses is None or not robot.by_gap:
         return _plausible(recording)
     triples = _triples(recording, robot, undo)
     ratios = [r for t in triples if (r := _ratio(t)) is not None]

@@ -82,11 +82,6 @@ class RobotReport(Report):
     offset: float | None = None
     poses: Array | None = None
 
-    @property
-    def checked(self) -> bool:
-        """Whether there were true poses, and pairs of frames to hold them against."""
-        return bool(self.by_gap)
-
 
 class _Trial(NamedTuple):
     """A mistake that may have been made, and camera and poses without it."""

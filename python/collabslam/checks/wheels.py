@@ -96,9 +96,9 @@ class WheelsReport(Report):
     turn_scale: float | None = None
 
     @property
-    def checked(self) -> bool:
-        """Whether it was held against the images."""
-        return self.misfit is not None
+    def agrees(self) -> bool:
+        """Whether it was held against the images, and fits."""
+        return self.misfit is not None and not self.findings
 
 
 def check_wheels(recording: Recording) -> WheelsReport | None:

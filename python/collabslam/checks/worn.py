@@ -78,14 +78,9 @@ class WornReport(Report):
     undo: PoseMistake | None = None
 
     @property
-    def checked(self) -> bool:
-        """Whether there were views to hold it against."""
-        return self.residual is not None
-
-    @property
     def agrees(self) -> bool:
         """Whether the images agree with ``T_CF``; not where they cannot say."""
-        return super().agrees and (self.residual or 0.0) <= MOST_PX
+        return self.residual is not None and not self.findings and self.residual <= MOST_PX
 
 
 def check_worn(recording: AtFrames, robot: RobotReport) -> WornReport:
