@@ -28,10 +28,11 @@ ALLOWED: dict[str, set[str]] = {
     "types": {"_core", "errors"},
     "geometry": {"_core", "errors", "types"},
     "level": {"geometry", "types"},
-    "results": {"_core", "types", "level"},
+    "bound": {"types"},
+    "results": {"_core", "types", "level", "bound"},
     "images": {"_core", "errors", "types"},
     # what the product is made of, from the bottom to the top
-    "evaluation": BASE,
+    "evaluation": BASE | {"bound"},
     "formats": BASE,
     "settings": BASE | {"formats"},
     "worn_pose": BASE,
