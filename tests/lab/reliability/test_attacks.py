@@ -186,7 +186,7 @@ def test_a_stabilised_camera_is_told_by_its_enlarged_image_alone(crop: float, to
     assert (_against(pixels, t_cf, (620.0, 620.0)) > 1.0) == told
 
 
-@pytest.mark.parametrize(("by", "told"), [(10.0, False), (60.0, True)])
+@pytest.mark.parametrize(("by", "told"), [(5.0, False), (10.0, False), (60.0, True)])
 def test_a_picture_that_sways_is_told_where_it_is_turned_by_more_than_t_cf_may_be(
     by: float, told: bool
 ) -> None:

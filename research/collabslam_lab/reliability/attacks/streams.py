@@ -340,7 +340,7 @@ STREAMS: tuple[tuple[str, str, Make], ...] = (
 )  # fmt: skip
 BY_NAME = {name: make for name, _, make in STREAMS}
 
-BEYOND = ("t-cf-feet", "focal-both", "stabilised-whole", "sway-10", "sway-15")
+BEYOND = ("t-cf-feet", "focal-both", "stabilised-whole", "sway-5", "sway-10", "sway-15")
 """What no image tells: `tests/lab/reliability/test_attacks.py` holds the figures."""
 
 ATTACKS = tuple(
