@@ -195,6 +195,8 @@ impl Filter {
     /// Gives the camera its uncertain velocity at the start.
     pub(super) fn start(&mut self) {
         let speed = self.start_speed_sd();
+        // The map was looked at in the middle of an update.
+        self.changes();
         let turning = self.setup.settings.process.start_angular_velocity_sd;
         for i in 0..3 {
             self.memory.state.p.set(7 + i, 7 + i, speed.powi(2));

@@ -4,6 +4,7 @@
 use crate::scene::{DT, Scene, adopt, settings, worn_covariance};
 use ekf_core::Filter;
 use ekf_core::settings::Value;
+use ekf_core::state::{Block, BlockKind};
 use nalgebra::Matrix6;
 use std::collections::BTreeMap;
 
@@ -141,4 +142,23 @@ fn a_doubt_lasts_and_is_no_less_for_another_one() {
         Some(doubted),
         "the snapshot has the doubt"
     );
+}
+
+#[test]
+fn what_is_shown_after_a_start_is_the_state_after_its_update() {
+    let mut scene = Scene::new(3, 40);
+    let mut filter = scene.filter(settings(&[("worn.length_sd", Value::Float(0.01))]));
+    filter.predict(0.0).expect("a first time");
+    let (mut z, _) = scene.measure(0.0, &BTreeMap::new(), true);
+    z.views[0].bias = Some(Matrix6::zeros());
+    filter.update(&z).expect("good measurements");
+    assert!(filter.started() && filter.map_size() > 5);
+    let of_one_frame =
+        |b: &&Block| matches!(b.kind, BlockKind::WornError(_) | BlockKind::WornRoll(_));
+    let shown = filter.state();
+    assert_eq!(
+        shown.layout().blocks().iter().filter(of_one_frame).count(),
+        0
+    );
+    assert_eq!(shown.layout().features().count(), filter.map_size());
 }
