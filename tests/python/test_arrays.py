@@ -79,7 +79,7 @@ def _warp(pixels: Any) -> list[Any]:
     limits = _core.WarpLimits(min_area=0.2, max_area=5.0, max_stretch=4.0)
     turned = np.eye(4)
     turned[:2, :2] = [[0.9, -np.sqrt(0.19)], [np.sqrt(0.19), 0.9]]
-    seen = _core.warp_patches(CAMERA, CAMERA, [Patch()], turned, [[np.nan] * 3], 11, limits)  # type: ignore[list-item]
+    seen = _core.warp_patches(CAMERA, [Patch()], turned, [[np.nan] * 3], 11, limits)  # type: ignore[list-item]
     assert seen.ok.all()
     return [seen.templates, seen.affine]
 
