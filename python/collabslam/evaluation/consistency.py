@@ -12,7 +12,7 @@ from collabslam.bound import bounds
 from collabslam.errors import InputError
 from collabslam.evaluation.metrics import inverse
 from collabslam.geometry import rotation_log
-from collabslam.types import Array
+from collabslam.types import Array, Mask
 
 RESOLUTION = 1e-6
 """Metres and radians below which no truth is taken to be known: its square is added to every variance."""
@@ -37,6 +37,14 @@ def pose_tangent_error(estimate: ArrayLike, truth: ArrayLike) -> Array:
     return out
 
 
+def _paired(errors: ArrayLike, covariances: ArrayLike) -> tuple[Array, Array, Mask]:
+    """Both as arrays, and in which rows they are finite."""
+    e, p = np.asarray(errors, np.float64), np.asarray(covariances, np.float64)
+    if e.ndim != 2 or p.shape != (*e.shape, e.shape[1]):
+        raise InputError(f"Errors {e.shape} and covariances {p.shape} do not fit; give (N, d) and (N, d, d).")
+    return e, p, np.asarray(np.isfinite(e).all(axis=1) & np.isfinite(p).all(axis=(1, 2)))
+
+
 def nees(errors: ArrayLike, covariances: ArrayLike) -> Array:
     """Normalised estimation error squared ``e^T P^-1 e`` per row, (N,).
 
@@ -51,11 +59,8 @@ def nees(errors: ArrayLike, covariances: ArrayLike) -> Array:
     (N,) array
         NaN where error or covariance is not finite.
     """
-    e, p = np.asarray(errors, np.float64), np.asarray(covariances, np.float64)
-    if e.ndim != 2 or p.shape != (*e.shape, e.shape[1]):
-        raise InputError(f"Errors {e.shape} and covariances {p.shape} do not fit; give (N, d) and (N, d, d).")
+    e, p, good = _paired(errors, covariances)
     out = np.full(len(e), np.nan)
-    good = np.isfinite(e).all(axis=1) & np.isfinite(p).all(axis=(1, 2))
     if good.any():
         sound = p[good] + RESOLUTION**2 * np.eye(e.shape[1])
         out[good] = (e[good] * np.linalg.solve(sound, e[good][..., None])[..., 0]).sum(axis=1)
@@ -79,10 +84,7 @@ def sharpness(errors: ArrayLike, covariances: ArrayLike) -> float:
     float
         NaN if no row is finite.
     """
-    e, p = np.asarray(errors, np.float64), np.asarray(covariances, np.float64)
-    if e.ndim != 2 or p.shape != (*e.shape, e.shape[1]):
-        raise InputError(f"Errors {e.shape} and covariances {p.shape} do not fit; give (N, d) and (N, d, d).")
-    good = np.isfinite(e).all(axis=1) & np.isfinite(p).all(axis=(1, 2))
+    e, p, good = _paired(errors, covariances)
     if not good.any():
         return float("nan")
     claimed = np.trace(p[good], axis1=1, axis2=2) + e.shape[1] * RESOLUTION**2
@@ -153,8 +155,7 @@ def bound_kept(errors: ArrayLike, covariances: ArrayLike) -> tuple[float, float,
         `RESOLUTION`; root mean square bound over root mean square error of positions, and of attitudes.  NaN
         if no row is finite.
     """
-    e, p = np.asarray(errors, np.float64), np.asarray(covariances, np.float64)
-    good = np.isfinite(e).all(axis=1) & np.isfinite(p).all(axis=(1, 2))
+    e, p, good = _paired(errors, covariances)
     if not good.any():
         return (math.nan, math.nan, math.nan)
     sizes = np.stack([np.linalg.norm(e[good, :3], axis=1), np.linalg.norm(e[good, 3:], axis=1)])

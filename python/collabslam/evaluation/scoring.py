@@ -159,8 +159,7 @@ def score(record: RunRecord, truth: Array | None, *, metric: bool = True) -> Sco
     path = metrics.path_length(np.asarray(truth)[: len(record)][aligned.known, :3, 3])
     out["path_length_m"], out["path_length_of"] = path, "truth"
     scores = _position_scores(record, aligned, path) | _orientation_scores(record, aligned)
-    scores |= _consistency_scores(record, aligned) | _bound_scores(record, aligned)
-    scores |= _overhead(record, aligned, path)
+    scores |= _consistency_scores(record, aligned) | _overhead(record, aligned, path)
     scores["false_ok_share"] = out["frames_false_ok"] / out["frames"]
     out.update({k: v for k, v in scores.items() if metric or k not in METRIC_SCORES})
     return _plain(out)
@@ -285,33 +284,25 @@ def _orientation_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
 def _consistency_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
     use = aligned.known & record.valid
     use[aligned.start] = False
-    errors = pose_tangent_error(*_pair(record, aligned))[use]
-    covariances = record.covariances[use]
+    every = pose_tangent_error(*_pair(record, aligned))
+    errors, covariances = every[use], record.covariances[use]
+    ok = use & (np.array(record.statuses, dtype=object) == "OK")
+    exceeded, wider_position, wider_attitude = bound_kept(every[ok], record.covariances[ok])
     whole = nees(errors, covariances)
     low, high = nees_band(6)
-    parts = [(errors[:, part], covariances[:, part, part]) for part in (slice(3), slice(3, 6))]
+    position, attitude = ((errors[:, p], covariances[:, p, p]) for p in (slice(3), slice(3, 6)))
     return {
         "nees_mean": _mean(whole),
-        "nees_position": _mean(nees(errors[:, :3], covariances[:, :3, :3])),
-        "nees_attitude": _mean(nees(errors[:, 3:], covariances[:, 3:, 3:])),
-        "sharpness_position": sharpness(errors[:, :3], covariances[:, :3, :3]),
-        "sharpness_attitude": sharpness(errors[:, 3:], covariances[:, 3:, 3:]),
-        "log_score": sum(log_score(*part) for part in parts),
+        "nees_position": _mean(nees(*position)),
+        "nees_attitude": _mean(nees(*attitude)),
+        "sharpness_position": sharpness(*position),
+        "sharpness_attitude": sharpness(*attitude),
+        "log_score": log_score(*position) + log_score(*attitude),
+        "bound_exceeded_share": exceeded,
+        "bound_over_error_position": wider_position,
+        "bound_over_error_attitude": wider_attitude,
         "nees_band_95": [low, high],
         "nees_inside_share": float(((whole >= low) & (whole <= high)).mean()) if len(whole) else None,
-    }
-
-
-def _bound_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
-    """How often the error of an OK pose is over its bound, and how many times the errors bounds are."""
-    use = aligned.known & (np.array(record.statuses, dtype=object) == "OK")
-    use[aligned.start] = False
-    errors = pose_tangent_error(*_pair(record, aligned))[use]
-    exceeded, position, attitude = bound_kept(errors, record.covariances[use])
-    return {
-        "bound_exceeded_share": exceeded,
-        "bound_over_error_position": position,
-        "bound_over_error_attitude": attitude,
     }
 
 
