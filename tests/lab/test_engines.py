@@ -213,6 +213,41 @@ def test_a_poisonous_task_is_blamed_alone(monkeypatch: pytest.MonkeyPatch) -> No
         assert pool.submit(double, 4).result() == 8
 
 
+class Dead(Exception):
+    """Too many workers died."""
+
+
+def test_who_is_blamed_with_another_is_tried_again_when_that_one_is_not_there() -> None:
+    """A scheduler that runs nothing by itself: what is under way when one kills is blamed with it."""
+    sent: list[tuple[str, Future[str]]] = []
+
+    def send(what: str) -> Future[str]:
+        sent.append((what, Future()))
+        return sent[-1][1]
+
+    blamed = engines._BlamedAlone(send, Dead)
+    told = {what: blamed.submit(what) for what in ("a", "kills", "b", "fails", "c")}
+    (_, a), (_, kills), (_, b), (_, fails), (_, c) = sent
+    a.set_result("a")
+    kills.set_exception(Dead("kills"))
+    b.set_exception(Dead("b"))
+    fails.set_exception(DataError("no"))
+    assert len(sent) == 5  # c is still under way
+    c.set_result("c")
+    assert [what for what, _ in sent[5:]] == ["kills"]
+    sent[5][1].set_exception(Dead("kills"))
+    assert [what for what, _ in sent[6:]] == ["b"]
+    sent[6][1].set_result("b")
+    assert [told[what].result() for what in "abc"] == list("abc")
+    for what, error in (("kills", Dead), ("fails", DataError)):
+        with pytest.raises(error):
+            told[what].result()
+    gone = blamed.submit("gone")
+    assert sent[7][1].cancel()
+    sent[7][1].set_running_or_notify_cancel()
+    assert gone.cancelled()
+
+
 def test_what_else_the_machine_does_is_not_the_clusters_overhead(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

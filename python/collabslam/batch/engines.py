@@ -8,6 +8,8 @@ elsewhere.  Workers see the same files as the machine that asks, and have the sa
 from __future__ import annotations
 
 import contextlib
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass
@@ -21,7 +23,7 @@ from collabslam.extras import how_to_get
 ENGINES = ("local", "dask")
 T = TypeVar("T")
 TRIES = 10
-"""Workers that may die under a task before it is said to have failed; Dask's own 3 blame innocent ones."""
+"""Workers that may die under a task before it is blamed; Dask's own 3 blame innocent ones sooner."""
 SECONDS = 3600.0
 
 
@@ -168,10 +170,63 @@ class Engine:
                 raise DataError(f"No scheduler answers at {address} ({error}); start one there.") from error
             executor = client.get_executor(pure=False)
             stack.callback(executor.shutdown, wait=False)  # whoever stops does not wait for what is under way
-            yield Workers(executor.submit, KilledWorker)
+            yield Workers(_BlamedAlone(executor.submit, KilledWorker).submit, KilledWorker)
 
 
 LOCAL = Engine()
+
+
+class _BlamedAlone:
+    """Sends calls to workers; one whose workers die is tried once more when no other call is under way.
+
+    A scheduler hands a worker several calls at a time and counts its death against all of them, so that one
+    which is waiting behind the one that kills is blamed with it, by chance.
+
+    Parameters
+    ----------
+    submit : callable
+        Sends a call to a worker, and returns its future.
+    killed : type of exception
+        What that raises when too many workers died under the call.
+    """
+
+    def __init__(self, submit: Callable[..., Future[Any]], killed: type[Exception]) -> None:
+        self._submit, self._killed = submit, killed
+        self._lock = threading.Lock()
+        self._under_way = 0
+        self._suspects: deque[Callable[[], None]] = deque()
+
+    def submit(self, *call: Any) -> Future[Any]:
+        """The future of a function with its arguments, as of an executor."""
+        told: Future[Any] = Future()
+        self._send(call, told, alone=False)
+        return told
+
+    def _send(self, call: tuple[Any, ...], told: Future[Any], *, alone: bool) -> None:
+        with self._lock:
+            self._under_way += 1
+        future = self._submit(*call)
+        future.add_done_callback(partial(self._came, call, told, alone))
+
+    def _came(self, call: tuple[Any, ...], told: Future[Any], alone: bool, future: Future[Any]) -> None:
+        error = None if future.cancelled() else future.exception()
+        suspect = isinstance(error, self._killed) and not alone
+        with self._lock:
+            self._under_way -= 1
+            if suspect:
+                self._suspects.append(partial(self._send, call, told, alone=True))
+            follows = self._suspects.popleft() if self._suspects and not self._under_way else None
+        if follows is not None:
+            follows()
+        if suspect:
+            return
+        if future.cancelled():
+            told.cancel()
+            told.set_running_or_notify_cancel()
+        elif error is not None:
+            told.set_exception(error)
+        else:
+            told.set_result(future.result())
 
 
 class _Isolating(Executor):
