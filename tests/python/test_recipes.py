@@ -52,3 +52,26 @@ def test_the_container_and_the_package_of_ros_are_of_this_version() -> None:
     assert " OR ".join(e.text or "" for e in package.findall("license")) == "MIT OR Apache-2.0"
     setup = (ROOT / "ros" / "collabslam_ros" / "setup.py").read_text()
     assert f'version="{collabslam.__version__}"' in setup
+
+
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
+def test_workflows_call_what_is_there(path: Path) -> None:
+    jobs = yaml.safe_load(path.read_text())["jobs"]
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    calls = 0
+    for job in jobs.values():
+        assert {*job.get("needs", ())} <= jobs.keys()
+        for command in [step["run"] for step in job["steps"] if "run" in step]:
+            made = re.findall(r"\bmake ([\w-]+)", command)
+            files = re.findall(r"[\w/.-]+\.(?:py|txt|toml)\b", command)
+            assert {*made} <= targets
+            assert all((ROOT / name).is_file() for name in files)
+            calls += len(made) + len(files)
+        pythons = [k for k, step in enumerate(job["steps"]) if "setup-python" in step.get("uses", "")]
+        pips = [k for k, step in enumerate(job["steps"]) if "pip install" in step.get("run", "")]
+        assert not pips or pythons, "the machine's own Python lets nothing be installed"
+        assert not pips or pythons[0] < pips[0]
+    assert calls
