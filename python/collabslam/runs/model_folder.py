@@ -10,7 +10,7 @@ from collabslam.errors import DataError
 from collabslam.formats.colmap import write_colmap
 from collabslam.formats.nerfstudio import write_transforms
 from collabslam.formats.partial_folder import PartialFolder
-from collabslam.geometry import pose_inverse
+from collabslam.geometry import pose, pose_inverse
 from collabslam.results import Landmarks
 from collabslam.runs.images_beside import IMAGES, image_names, write_images
 from collabslam.runs.run_folder import RunFolder
@@ -30,7 +30,7 @@ def write_model(
     kind : str
         ``colmap``, ``colmap-text`` or ``nerfstudio``.
     level : bool
-        In the level world, as the filter had the poses; else in that of the start, as loops correct them.
+        In the level world; else in that of the start. In both as loops correct poses and points.
     recording : Recording, optional
         The run's, whose images go there.
 
@@ -46,10 +46,9 @@ def write_model(
         written.
     """
     camera, indices = run.camera(), run.valid_indices()
+    poses, points = _corrected(run)
     if level:
-        poses, points = run.level_trajectory()[1], run.level_landmarks()
-    else:
-        poses, points = _corrected(run)
+        poses, points = _levelled(run, poses, points)
     if len(indices) != len(poses):
         raise DataError(
             f"{run.path} has {len(poses)} poses for {len(indices)} valid frames; run the recording again."
@@ -89,3 +88,10 @@ def _corrected(run: RunFolder) -> tuple[Array, Landmarks]:
         np.concatenate([whole.points, points.points[new] @ turn.T + moved[:3, 3]]),
         np.concatenate([whole.covariance, turn @ points.covariance[new] @ turn.T]),
     )
+
+
+def _levelled(run: RunFolder, poses: Array, points: Landmarks) -> tuple[Array, Landmarks]:
+    """The same in the run's level world."""
+    r_lw = run.r_lw()
+    moved = Landmarks(points.ids, points.points @ r_lw.T, r_lw @ points.covariance @ r_lw.T)
+    return pose(r_lw, np.zeros(3)) @ poses, moved

@@ -9,12 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from collabslam._core import LAST_TIME, Camera
 from collabslam.datasets.poses import read_track
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import read_text
 from collabslam.formats.landmarks import read_ply
 from collabslam.formats.trajectory import ARBITRARY, read_covariances
+from collabslam.level import Level
 from collabslam.results import Landmarks
 from collabslam.runs.folder import is_result_folder
 from collabslam.runs.results import (
@@ -61,6 +64,16 @@ class RunFolder:
     def level_landmarks(self) -> Landmarks:
         """The map at the end in the level world."""
         return read_ply(self.path / LEVEL_MAP)
+
+    def r_lw(self) -> Array:
+        """(3, 3), maps directions of W into that level world."""
+        try:
+            up = np.array(self.summary()["level"]["up"], dtype=np.float64).reshape(3)
+        except (KeyError, TypeError, ValueError) as error:
+            raise DataError(
+                f"{self.path / SUMMARY} does not say which way is down; run the recording again."
+            ) from error
+        return Level(up, np.zeros((2, 2)), "").r_lw
 
     def _track(self, poses_in: str, covariances_in: str) -> tuple[Array, Array, Array]:
         times, poses = read_track(self.path / poses_in)

@@ -24,9 +24,10 @@ from collabslam.formats.colmap import write_colmap
 from collabslam.formats.landmarks import write_ply
 from collabslam.formats.nerfstudio import CLOUD, write_transforms
 from collabslam.formats.trajectory import write_tum
+from collabslam.level import Level
 from collabslam.results import Landmarks
 from collabslam.runs.folder import MARK
-from collabslam.runs.results import CORRECTED, WHOLE_MAP, ResultWriter
+from collabslam.runs.results import CORRECTED, LEVEL_TRAJECTORY, SUMMARY, WHOLE_MAP, ResultWriter
 from collabslam.runs.run_folder import RunFolder
 from collabslam.types import Status
 
@@ -132,6 +133,21 @@ def test_a_model_has_what_loops_corrected(run: Path, tmp_path: Path) -> None:
     assert {int(k) for k in found["points"]} == set(expected)
     for k, point in expected.items():
         np.testing.assert_allclose(found["points"][str(k)], point, atol=1e-6)
+    up = np.array([0.1, -0.9, 0.2])
+    level = Level(up / np.linalg.norm(up), np.zeros((2, 2)), "told")
+    summary = tmp_path / "run" / SUMMARY
+    summary.write_text(json.dumps(json.loads(summary.read_text()) | {"level": level.numbers()}))
+    write_tum(tmp_path / "run" / LEVEL_TRAJECTORY, 0.1 * np.arange(len(poses)), poses)
+    words = ["export", str(tmp_path / "run"), str(tmp_path / "l"), "--format", "colmap", "--world", "level"]
+    assert cli.main(words) == 0
+    found = colmap_reads(tmp_path / "l" / "sparse" / "0", np.array([[0.0, 0.0, 1.0]]))
+    np.testing.assert_allclose(found["centres"], poses[:, :3, 3] @ level.r_lw.T, atol=1e-7)
+    turns = (level.r_lw @ poses[:, :3, :3]).transpose(0, 2, 1)
+    np.testing.assert_allclose(found["turns"], turns, atol=1e-7)
+    for k, point in expected.items():
+        np.testing.assert_allclose(found["points"][str(k)], level.r_lw @ point, atol=1e-6)
+    summary.write_text(json.dumps(json.loads(summary.read_text()) | {"level": None}))
+    assert cli.main([*words[:2], str(tmp_path / "none"), *words[3:]]) == 2
 
 
 def test_nerfstudio_sees_a_point_where_the_camera_saw_it(run: Path, tmp_path: Path) -> None:
