@@ -12,6 +12,8 @@ CURVES = (
     ("nis", "NIS of the bearings", ("nis",)),
     ("sigma", "sd of the position, m", ("position_sigma_m",)),
 )
+BEHIND, AHEAD = (1.5, -3.0, -4.0), (0.0, 0.0, 2.0)
+"""Where the picture of space is seen from, and what it looks at, metres in W (x right, y down, z forward)."""
 LOGGED = tuple(key for group in CURVES for key in group[2] if key not in ("status", "position_sigma_m"))
 
 
@@ -29,7 +31,11 @@ def blueprint(names: Iterable[str]) -> Any:
     """The viewer's layout for the worn cameras of these names; needs the extra ``viz``."""
     import rerun.blueprint as rrb
 
-    space = rrb.Spatial3DView(origin="world", name="map, path and cameras")
+    # From behind and above at the start, and from then on along with Cs: overlaps reach far beyond the map.
+    eye = rrb.EyeControls3D(
+        position=BEHIND, look_target=AHEAD, eye_up=(0.0, -1.0, 0.0), tracking_entity="/world/cs"
+    )
+    space = rrb.Spatial3DView(origin="world", name="map, path and cameras", eye_controls=eye)
     pictures = [
         rrb.Spatial2DView(origin="world/cs/image", name="Cs, the robot's camera"),
         *(

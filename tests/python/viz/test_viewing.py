@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -20,6 +21,7 @@ from collabslam.results import FEATURE_STATES
 from collabslam.runs import runner
 from collabslam.viz.animation import animate, shaded
 from collabslam.viz.plot import _apart
+from collabslam.viz.rerun_layout import CURVES
 from collabslam.viz.rerun_log import COLOURS, SURE, UNSURE, RerunLog, by_sd
 
 RERUN = str(Path(sys.executable).parent / "rerun")
@@ -52,6 +54,15 @@ def test_rerun_reads_the_recording(clip: Clip, tmp_path: Path) -> None:
                    "/world/cs/image/matches", "/cf/image/matches",
                    "/curves/status/status", "/curves/time/ms_total"):  # fmt: skip
         assert f"{entity}:" in listing
+    command = [RERUN, "rrd", "print", "-vvv", str(path)]
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    views = re.findall(r"\[(2D|3D|TimeSeries)\] +┆ \[(.+?)\] +┆ \[(.+?)\]", text)
+    assert sorted(kind for kind, _, _ in views) == ["2D", "2D", "3D", *["TimeSeries"] * len(CURVES)]
+    assert {"Cs, the robot's camera", "Cf, the worn camera"} <= {name for _, name, _ in views}
+    for _, _, origin in views:
+        assert f"\n/{origin}:" in listing or f"\n/{origin}/" in listing
+    (followed,) = re.findall(r"\[(/world/\w+)\]", text)
+    assert f"\n{followed}:" in listing
 
 
 def test_ellipses_of_the_way_do_not_hide_each_other() -> None:
