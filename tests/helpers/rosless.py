@@ -18,12 +18,23 @@ class Node:
         self.takes: dict[str, Any] = {}
         self.sent: dict[str, list[bytes]] = {}
         self.services: dict[str, Any] = {}
+        self.said: list[str] = []
+        self.look: Any = None
 
     def create_subscription(self, kind: Any, topic: str, take: Any, qos: Any, *, raw: bool) -> None:
         self.takes[topic] = take
 
     def create_service(self, kind: Any, name: str, answer: Any) -> None:
         self.services[name] = answer
+
+    def create_timer(self, seconds: float, look: Any) -> None:
+        self.look = look
+
+    def get_logger(self) -> Any:
+        return types.SimpleNamespace(info=self.said.append, warning=self.said.append)
+
+    def get_clock(self) -> Any:
+        return types.SimpleNamespace(now=lambda: types.SimpleNamespace(nanoseconds=5_000_000_000))
 
     def ask(self, name: str) -> tuple[bool, str]:
         """Success and message of a service."""

@@ -42,6 +42,8 @@ NAME = "collabslam"
 TF_STATIC = "/tf_static"
 PATIENCE = 5.0
 """Seconds that a service waits for the filter's thread."""
+LOOK = 3.0
+"""Seconds after which it is looked again at what a node waits for."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,9 @@ class RosNode:
         self._live: LiveSlam | None = None
         self._propagator: Propagator | None = None
         self._t_bc: Array | None = None
-        self._refused = 0
+        self._refused = self._frames = 0
+        self._waits = ""
+        self._log, self._clock = node.get_logger(), node.get_clock()
         self._frame = self._info_frame = self._gyro_frame = ""
         self._tree = TransformTree()
         self._wheels = topics.wheels
@@ -161,11 +165,44 @@ class RosNode:
             topics.out,
             {"save_map": self._save_map, "start_in_map": self._start_in_map, "reset": self._reset},
         )
+        self._kept.append(node.create_timer(LOOK, self._tell_wait))
 
     def close(self) -> None:
         """Ends the filter; raises whatever ended it before."""
         if self._live is not None:
             self._live.close()
+
+    def waits_for(self) -> str:
+        """What has to come before there is a pose; "" once one was published."""
+        topics = self._topics
+        if self._out.poses:
+            return ""
+        infos = [] if self._camera is not None else [topics.cs_info]
+        infos += [topics.worn[name].info for name in self._worn if name not in self._worn_cameras]
+        if infos:
+            return f"CameraInfo on {', '.join(infos)}"
+        if self._live is None:
+            return "links of tf or messages of a gyroscope, which tell how what it hears sits on the robot"
+        if not self._frames:
+            return f"images on {topics.cs}"
+        if self._out.base is None:
+            return "what tells which way is down"
+        if self._worn and self._map is None and self._start == "worn":
+            shown = ", ".join(f"{of.images} with {of.t_cf}" for of in topics.worn.values())
+            return f"a view of {shown} that shows what {topics.cs} does"
+        return "a start"
+
+    def _tell_wait(self) -> None:
+        """Says it, in the log once, and in the status as long as no frame's is there."""
+        waits = self.waits_for()
+        if waits and not self._frames:
+            self._out.waiting(1e-9 * self._clock.now().nanoseconds, waits)
+        if waits != self._waits:
+            self._waits = waits
+            if waits:
+                self._log.warning(f"waits for {waits}")
+            else:
+                self._log.info(f"publishes poses on {self._topics.out}/odometry")
 
     def _calibration(self, data: bytes) -> None:
         if self._camera is None:
@@ -287,6 +324,7 @@ class RosNode:
         live, step = self._live, pose.step
         if live is None:
             return
+        self._frames += 1
         facts: dict[str, Any] = {f"dropped {k}": v for k, v in live.dropped.items()}
         facts |= {"refused": self._refused + sum(live.refused.values())}
         unposed = sum((Counter(worn.unposed) for worn in self._worn.values()), Counter())

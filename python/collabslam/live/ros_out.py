@@ -87,6 +87,12 @@ class RosOut:
             sd = messages.point_sd(base.spread(points, found.covariance))
             self._out["map"].publish(messages.cloud(step.t, points, sd, self._frames.map))
 
+    def waiting(self, t: float, what: str) -> None:
+        """No frame has come yet, for want of that."""
+        if "status" in self._out:
+            entry = "NOT_STARTED", f"waits for {what}", {"waits for": what}
+            self._out["status"].publish(messages.status(t, {"robot": entry}))
+
     def _pose(self, pose: LivePose, slam: Slam, base: Base) -> None:
         """Where the base is, how it moves, and where the worn cameras were."""
         step, frames = pose.step, self._frames

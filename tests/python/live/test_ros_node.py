@@ -118,6 +118,33 @@ def test_the_base_moves_in_odom_as_the_robot_did(clip: Clip) -> None:
     assert (twist.header.frame_id, twist.twist.twist.linear.x) == ("base_link", moving.linear.x)
 
 
+def test_what_a_node_waits_for_is_said_once(clip: Clip) -> None:
+    """Names of topics above all: whoever has misspelt one looks there."""
+    node: Any = Node()
+    running = node.running = RosNode(node, RosTopics("/cs", "/cs_info", WORN), Settings.default())
+    for _ in range(2):
+        node.look()
+    assert node.said == ["waits for CameraInfo on /cs_info, /cf_info"]
+    told = [messages.status_from(data)["robot"] for data in node.sent["/diagnostics"]]
+    assert [one["waits for"] for one in told] == 2 * ["CameraInfo on /cs_info, /cf_info"]
+    row = messages.decoded(messages.STATUS, node.sent["/diagnostics"][-1]).status[0]
+    assert (row.level, row.message) == (1, "waits for CameraInfo on /cs_info, /cf_info")
+    node.takes["/cs_info"](messages.camera_info(0.0, "cs", clip.recording.camera))
+    assert running.waits_for() == "CameraInfo on /cf_info"
+    node.takes["/cf_info"](messages.camera_info(0.0, "cf", clip.recording.worn_camera))
+    node.look()
+    assert node.said[1:] == ["waits for images on /cs"]
+    node.takes["/cs"](messages.raw_image(0.5, "cs", clip.frames[0].image))
+    assert until(lambda: running.waits_for() == "a view of /cf with /t_cf that shows what /cs does")
+    play(clip, node, 0, 4)
+    running.close()
+    count = len(node.sent["/diagnostics"])
+    for _ in range(2):
+        node.look()
+    assert node.said[2:] == ["publishes poses on /collabslam/odometry"]
+    assert len(node.sent["/diagnostics"]) == count  # each frame has its own
+
+
 @pytest.mark.slow
 def test_tf_leads_from_map_over_odom_to_the_base(clip: Clip) -> None:
     node, running = node_of(clip)
