@@ -4,7 +4,7 @@
 //! fitted along with the turn, so that its covariance has what they leave open.
 
 use crate::math::quat;
-use nalgebra::{Matrix2, Matrix3, Matrix3x2, Matrix6, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 
 /// Fewest points that must agree, and their least share: fewer have been followed by chance, or are on what moves.
 const MIN_POINTS: usize = 15;
@@ -15,7 +15,8 @@ const AGREES: f64 = 9.21;
 const PAIRED: [f64; 3] = [0.5, 0.37, 0.23];
 /// Most pairs tried of each: what many points cost grows with their number, not with its square.
 const TRIED: usize = 100;
-const STEPS: usize = 12;
+const STEPS: usize = 30;
+const LEAST_DAMPING: f64 = 1e-3;
 /// Two rays closer than this, the sine of their angle, say nothing of a roll.
 const APART: f64 = 0.05;
 
@@ -48,7 +49,9 @@ pub(crate) type Pair = (Vector3<f64>, Vector3<f64>);
 struct Row {
     off: Vector2<f64>,
     information: Matrix2<f64>,
-    by: SMatrix<f64, 2, 6>,
+    by: SMatrix<f64, 2, FITTED>,
+    /// What the noise's determinant says of the way: information, and its pull on a change of it.
+    unspread: (Matrix3<f64>, Vector3<f64>),
 }
 
 impl Row {
@@ -65,12 +68,18 @@ pub(crate) fn seen_turn(pairs: &[Pair], around: &Surroundings) -> Option<ImageTu
     let way_prior = (around.way_covariance + Matrix3::identity() * 1e-10).try_inverse()?;
     let mut prior = Information::zeros();
     prior.fixed_view_mut::<3, 3>(0, 0).copy_from(&way_prior);
-    let mut guess = begin(pairs, around)?;
+    let walls = Matrix3::identity() / around.rho_sd.powi(2);
+    prior.fixed_view_mut::<3, 3>(WALL, WALL).copy_from(&walls);
+    let mut fit = Fit::new(pairs, begin(pairs, around)?, around, &prior)?;
+    let mut damping = 0.0;
     for _ in 0..STEPS {
-        let (information, pull) = joined(&rows(pairs, &guess, around)?, &prior, &guess);
-        guess.step(&information.cholesky()?.solve(&pull));
+        let next = fit.guess.stepped(&fit.step(&prior, damping)?);
+        match Fit::new(pairs, next, around, &prior) {
+            Some(next) if next.cost < fit.cost => (fit, damping) = (next, 0.1 * damping),
+            _ => damping = (10.0 * damping).max(LEAST_DAMPING),
+        }
     }
-    let rows = rows(pairs, &guess, around)?;
+    let Fit { guess, rows, .. } = fit;
     let agreeing = rows
         .iter()
         .zip(0..)
@@ -89,14 +98,17 @@ pub(crate) fn seen_turn(pairs: &[Pair], around: &Surroundings) -> Option<ImageTu
     })
 }
 
-/// Numbers that are fitted: by how much the way differs from the predicted one, and the turn.
-type Parameters = Vector6<f64>;
-type Information = Matrix6<f64>;
+/// Numbers that are fitted: by how much the way differs from the predicted one, the turn, and what all depths have in common: on a
+/// plane the inverse range is `p . a` along the ray `a`.
+const FITTED: usize = 9;
+type Parameters = SVector<f64, FITTED>;
+type Information = SMatrix<f64, FITTED, FITTED>;
 
-/// Where the turn is among them.
+/// Where the turn is among them, and the plane.
 const TURN: usize = 3;
+const WALL: usize = 6;
 
-/// The fit so far; the turn is in the rotation.
+/// The numbers so far; the turn is in the rotation.
 #[derive(Clone, Debug)]
 struct Guess {
     rotation: Matrix3<f64>,
@@ -104,10 +116,53 @@ struct Guess {
 }
 
 impl Guess {
-    fn step(&mut self, step: &Parameters) {
-        self.rotation *= quat::rotation_exp(&step.fixed_rows::<3>(TURN).into_owned());
-        self.shift += step;
-        self.shift.fixed_rows_mut::<3>(TURN).fill(0.0);
+    fn stepped(&self, step: &Parameters) -> Self {
+        let turn = quat::rotation_exp(&step.fixed_rows::<3>(TURN).into_owned());
+        let mut shift = self.shift + step;
+        shift.fixed_rows_mut::<3>(TURN).fill(0.0);
+        Self {
+            rotation: self.rotation * turn,
+            shift,
+        }
+    }
+}
+
+/// The fit so far.
+struct Fit {
+    guess: Guess,
+    rows: Vec<Row>,
+    /// Minus twice the logarithm of how likely the points are, up to a constant. The noise of a point hangs on the way, so its
+    /// determinant belongs here: without it the longest way fits best, as it allows every point any place along it.
+    cost: f64,
+}
+
+impl Fit {
+    fn new(
+        pairs: &[Pair],
+        guess: Guess,
+        around: &Surroundings,
+        prior: &Information,
+    ) -> Option<Self> {
+        let rows = rows(pairs, &guess, around)?;
+        let of_points = rows.iter().map(|row| {
+            let d = row.distance();
+            d / (1.0 + d / AGREES) - row.information.determinant().ln()
+        });
+        let cost = of_points.sum::<f64>() + guess.shift.dot(&(prior * guess.shift));
+        Some(Self { guess, rows, cost })
+    }
+
+    /// Levenberg's and Marquardt's.
+    fn step(&self, prior: &Information, damping: f64) -> Option<Parameters> {
+        let (mut information, mut pull) = joined(&self.rows, prior, &self.guess);
+        let mut on_way = information.fixed_view_mut::<3, 3>(0, 0);
+        let mut pull_on_way = pull.fixed_rows_mut::<3>(0);
+        for row in &self.rows {
+            on_way += row.unspread.0;
+            pull_on_way += row.unspread.1;
+        }
+        information.set_diagonal(&(information.diagonal() * (1.0 + damping)));
+        Some(information.cholesky()?.solve(&pull))
     }
 }
 
@@ -170,24 +225,47 @@ fn rows(pairs: &[Pair], guess: &Guess, around: &Surroundings) -> Option<Vec<Row>
 fn row((before, now): &Pair, guess: &Guess, around: &Surroundings) -> Option<Row> {
     let back = guess.rotation.transpose();
     let way = around.way + guess.shift.fixed_rows::<3>(0);
-    let point = back * (before - way * around.rho);
+    let rho = around.rho + before.dot(&guess.shift.fixed_rows::<3>(WALL));
+    let point = back * (before - way * rho);
     let range = point.norm();
     let expected = point.try_normalize(1e-3)?;
     let across = plane(&expected);
     let by_point = across.transpose() / range;
     let by_rho = -by_point * back * way;
-    let mut by = SMatrix::<f64, 2, 6>::zeros();
+    let mut by = SMatrix::<f64, 2, FITTED>::zeros();
     by.fixed_view_mut::<2, 3>(0, 0)
-        .copy_from(&(-by_point * back * around.rho));
+        .copy_from(&(-by_point * back * rho));
     by.fixed_view_mut::<2, 3>(0, TURN)
         .copy_from(&(across.transpose() * quat::skew(&expected)));
+    by.fixed_view_mut::<2, 3>(0, WALL)
+        .copy_from(&(by_rho * before.transpose()));
     let noise = Matrix2::identity() * around.sigma.powi(2)
         + by_rho * by_rho.transpose() * around.rho_sd.powi(2);
+    let off = across.transpose() * (now - expected);
+    let unspread = unspread(&off, &by_rho, &(by_point * back), &way, around);
     Some(Row {
-        off: across.transpose() * (now - expected),
+        off,
         information: noise.try_inverse()?,
         by,
+        unspread,
     })
+}
+
+/// What the noise's determinant says of the way, less what the spread that is seen takes away.
+fn unspread(
+    off: &Vector2<f64>,
+    by_rho: &Vector2<f64>,
+    by_way: &SMatrix<f64, 2, 3>,
+    way: &Vector3<f64>,
+    around: &Surroundings,
+) -> (Matrix3<f64>, Vector3<f64>) {
+    let spread = around.sigma.powi(2) + by_rho.norm_squared() * around.rho_sd.powi(2);
+    let along = by_rho
+        .try_normalize(1e-12)
+        .map_or(0.0, |axis| off.dot(&axis).powi(2));
+    let share = (1.0 - along / spread).max(0.0);
+    let information = by_way.transpose() * by_way * (around.rho_sd.powi(2) / spread * share);
+    (information, -information * way)
 }
 
 /// Two axes at right angles to a direction.

@@ -171,25 +171,29 @@ class FrameLoop:
         return {**self._parts.gyro.counts(), **self._parts.worn_rates.counts()}
 
     def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:
-        """Whether the last two images show the turn, where the map tells nothing of the frame (METHOD 27).
+        """Follows the turn that the last two images show, where the map tells nothing (METHOD 27).
 
-        It is then in the prediction, unless a gyroscope told the same one.  Not asked after a frame that
-        failed, as after a cut, nor where the map is inconsistent: what moves would pass for the scene.
+        It is then in the prediction, unless a gyroscope told the same one.  Not asked where the map is
+        inconsistent: what moves would pass for the scene.  Returns whether the frame is as good as one that
+        was used: after one that failed, as after a cut, or lost, only prediction follows.
         """
         parts, now = self._parts, self._parts.tracks.last_image
-        if not view.started or view.lost or last is None or now is None:
+        if not view.started or last is None or now is None:
             return False
         told = self._filter.followed_gyro
+        if told and view.lost:
+            return False
         if told and (agrees := parts.gyro.agrees(view, last, now)) is not False:
             return agrees is True
         if told and not parts.gyro.contradicted_again:
             return False
         standing = parts.consistency_monitor.standing()
-        if not parts.monitor.unbroken or standing not in (NOTHING, GYRO):
+        if standing not in (NOTHING, GYRO):
             return False
-        if self._filter.predict_again(last[0], *parts.gyro.followed(view, last, now)):
-            return True
-        return told and self._filter.predict_again(last[0], *parts.gyro.followed(view, last, now, still=True))
+        shown = self._filter.predict_again(last[0], *parts.gyro.followed(view, last, now))
+        if not shown and told:
+            shown = self._filter.predict_again(last[0], *parts.gyro.followed(view, last, now, still=True))
+        return shown and parts.monitor.unbroken
 
     def _coast(self, t: float, blank: str, times: StageTimes, *, followed: bool) -> StepResult:
         """A frame that was predicted and shows nothing; depths given for it are gone."""

@@ -28,8 +28,8 @@ const UNTOLD: f64 = 1e6;
 /// over it, it is 0.29.
 const SPREAD: f64 = 0.12;
 
-/// By how much a turn that is seen may be off where a wall is slanted, as a share of it: standard deviation. The claimed one takes
-/// depths as independent.
+/// By how much a turn that is seen may be off where depths lie as on no plane, as a share of it: standard deviation. The claimed
+/// one takes what a plane leaves of them as independent.
 const SLANTED: f64 = 0.1;
 
 impl Filter {
@@ -183,7 +183,9 @@ impl Filter {
             .copy_from(&(r_cw * state.velocity()));
         twist.fixed_rows_mut::<3>(3).copy_from(&(seen.turn / dt));
         let change = seen.turn / dt - state.angular_velocity();
-        let of_turn = seen.covariance + Matrix3::identity() * self.shutter_variance(&change);
+        let slanted = (SLANTED * seen.turn.norm()).powi(2);
+        let more = Matrix3::identity() * (self.shutter_variance(&change) + slanted);
+        let of_turn = seen.covariance + more;
         let mut covariance = Matrix6::identity() * UNTOLD;
         covariance
             .fixed_view_mut::<3, 3>(3, 3)
