@@ -199,7 +199,7 @@ def test_what_is_missing_is_named(
 
 
 def test_a_poisonous_task_is_blamed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engines, "TRIES", 3)
+    monkeypatch.setattr(engines, "TRIES", 1)
     whats = ["a", "die", "b", "kill the worker", "c", "fail", "d", "e"]
     with Engine("dask", seconds=LONGEST).pool(2) as pool:
         futures: dict[str, Future[str]] = {what: pool.submit(act, what) for what in whats}
@@ -246,6 +246,21 @@ def test_who_is_blamed_with_another_is_tried_again_when_that_one_is_not_there() 
     assert sent[7][1].cancel()
     sent[7][1].set_running_or_notify_cancel()
     assert gone.cancelled()
+
+
+def test_a_call_that_cannot_be_sent_again_says_so() -> None:
+    sent: list[Future[str]] = []
+
+    def send(_: str) -> Future[str]:
+        if sent:
+            raise DataError("the scheduler is gone")
+        sent.append(Future())
+        return sent[0]
+
+    told = engines._BlamedAlone(send, Dead).submit("a")
+    sent[0].set_exception(Dead())
+    with pytest.raises(DataError, match="gone"):
+        told.result(timeout=LONGEST)
 
 
 def test_what_else_the_machine_does_is_not_the_clusters_overhead(

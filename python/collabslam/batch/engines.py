@@ -205,7 +205,11 @@ class _BlamedAlone:
     def _send(self, call: tuple[Any, ...], told: Future[Any], *, alone: bool) -> None:
         with self._lock:
             self._under_way += 1
-        future = self._submit(*call)
+        try:
+            future = self._submit(*call)
+        except Exception as error:  # nobody hears of it where this is called when another call is done
+            future = Future()
+            future.set_exception(error)
         future.add_done_callback(partial(self._came, call, told, alone))
 
     def _came(self, call: tuple[Any, ...], told: Future[Any], alone: bool, future: Future[Any]) -> None:
