@@ -73,6 +73,8 @@ class RunFolder:
             raise DataError(
                 f"{self.path / SUMMARY} does not say which way is down; run the recording again."
             ) from error
+        if not abs(np.linalg.norm(up) - 1.0) < 1e-6:  # nor is it where one of them is no number
+            raise DataError(f"{self.path / SUMMARY}: level: up is {up}, not of length 1; run it again.")
         return Level(up, np.zeros((2, 2)), "").r_lw
 
     def _track(self, poses_in: str, covariances_in: str) -> tuple[Array, Array, Array]:

@@ -146,8 +146,11 @@ def test_a_model_has_what_loops_corrected(run: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(found["turns"], turns, atol=1e-7)
     for k, point in expected.items():
         np.testing.assert_allclose(found["points"][str(k)], level.r_lw @ point, atol=1e-6)
-    summary.write_text(json.dumps(json.loads(summary.read_text()) | {"level": None}))
-    assert cli.main([*words[:2], str(tmp_path / "none"), *words[3:]]) == 2
+    of_length_2, no_number = {"up": [0.0, -2.0, 0.0]}, {"up": [float("nan"), -1.0, 0.0]}
+    for wrong in (None, of_length_2, no_number):
+        summary.write_text(json.dumps(json.loads(summary.read_text()) | {"level": wrong}))
+        assert cli.main([*words[:2], str(tmp_path / "none"), *words[3:]]) == 2
+        assert not (tmp_path / "none").exists()
 
 
 def test_nerfstudio_sees_a_point_where_the_camera_saw_it(run: Path, tmp_path: Path) -> None:
