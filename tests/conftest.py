@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 
 import pytest
+from helpers import drawn
 from helpers.clip import FRAMES, Clip
 
 from collabslam.simulation import corridor_recording
+from collabslam.simulation.renderer import Renderer
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -20,6 +23,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def ctrl_c() -> None:
     """A shell starts what runs in the background with SIGINT ignored, and children inherit that."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def drawn_once() -> None:
+    """Most tests are of what is done with pictures; `drawn_anew` is for those of how they are drawn."""
+    Renderer.render = drawn.kept  # type: ignore[method-assign]
+
+
+@pytest.fixture(scope="module")
+def drawn_anew(drawn_once: None) -> Iterator[None]:
+    """Every picture is drawn when it is asked for, as the product does."""
+    Renderer.render = drawn.draw  # type: ignore[method-assign]
+    yield
+    Renderer.render = drawn.kept  # type: ignore[method-assign]
 
 
 @pytest.fixture(scope="session")

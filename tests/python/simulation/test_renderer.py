@@ -24,6 +24,8 @@ from collabslam.simulation.world import Panel, box, corridor, panel
 
 Array = npt.NDArray[np.float64]
 
+pytestmark = pytest.mark.usefixtures("drawn_anew")
+
 RADTAN = Camera("radtan", 720, 480, (620.0, 620.0, 359.5, 239.5), (-0.06, 0.02, 0.0005, -0.0004))
 WIDE = Camera("wideangle", 640, 480, (380.0, 380.0, 320.0, 240.0), (1.5e-6,))
 
