@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections import OrderedDict
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -26,6 +28,9 @@ _TELLING = 0.25
 """Share of the matches that must tell where they lie."""
 _PARALLAX = np.sin(np.deg2rad(0.5))
 _FEATURES = 600
+_KEPT = 256
+"""Images whose points are known still, at 0.3 MB each: every part of a check asks for much the same ones."""
+_described: OrderedDict[tuple[tuple[int, ...], bytes], Points] = OrderedDict()
 
 
 class Points(NamedTuple):
@@ -48,13 +53,26 @@ class Matches(NamedTuple):
 
 
 def describe(image: Image) -> Points:
-    """The points of an image that may be found again."""
+    """The points of an image that may be found again, read-only."""
+    key = image.shape, hashlib.blake2b(np.ascontiguousarray(image).data).digest()
+    if key not in _described:
+        _described[key] = _points(image)
+        if len(_described) > _KEPT:
+            _described.popitem(last=False)
+    _described.move_to_end(key)
+    return _described[key]
+
+
+def _points(image: Image) -> Points:
     points, described = cv2.SIFT.create(nfeatures=_FEATURES).detectAndCompute(image, None)
     if described is None:
         return Points(np.empty((0, 2)), np.empty((0, 128), np.float32))
-    return Points(
+    found = Points(
         np.array([p.pt for p in points], np.float64).reshape(-1, 2), np.asarray(described, np.float32)
     )
+    for array in found:
+        array.flags.writeable = False
+    return found
 
 
 def match_points(a: Points, b: Points) -> Matches:
