@@ -14,8 +14,10 @@ floor (z = 0) adds the scene's mirror image.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from math import ceil, floor
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -98,6 +100,8 @@ class _Lens:
     map_u: Shade
     map_v: Shade
     rays: Array = field(repr=False)
+    numbers: Array = field(repr=False)
+    """0, 1, 2.. to the last row or column of the ideal picture."""
 
     @classmethod
     def of(cls, camera: Camera, scale: float, margin: int) -> _Lens:
@@ -111,7 +115,9 @@ class _Lens:
         matrix = np.array([[focal[0], 0, -low[0]], [0, focal[1], -low[1]], [0, 0, 1.0]])
         maps = (xy * focal - low).astype(np.float32)
         unit = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
-        return cls(int(size[0]), int(size[1]), scale, matrix, maps[..., 0].copy(), maps[..., 1].copy(), unit)
+        numbers = np.arange(int(size.max()), dtype=np.float64)
+        map_u, map_v = maps[..., 0].copy(), maps[..., 1].copy()
+        return cls(int(size[0]), int(size[1]), scale, matrix, map_u, map_v, unit, numbers)
 
 
 @dataclass
@@ -137,6 +143,15 @@ class _Things:
     maps: Sequence[RipMap]
     texels: Array
     gloss: Array
+
+
+class _Cell(NamedTuple):
+    """A part of a panel in the ideal picture: corners (M, 2), pixel -> (s, t, 1) / z, its texture's level."""
+
+    panel: int
+    image: Array
+    back: Array
+    level: tuple[int, int]
 
 
 class Renderer:
@@ -234,8 +249,46 @@ class Renderer:
 
 
 def _draw_all(things: _Things, lens: _Lens, canvas: _Canvas) -> None:
-    for k, bounds in _cells(things.frames, lens):
-        _draw(things, k, bounds, lens, canvas)
+    for cell in _seen(things, _cells(things.frames, lens), lens):
+        _draw(things, cell, lens, canvas)
+
+
+def _seen(things: _Things, cells: list[tuple[int, Array]], lens: _Lens) -> Iterator[_Cell]:
+    """What each of these parts of panels is in the ideal picture, but for those that are not in it."""
+    if not cells:
+        return
+    panels, part = np.unique([k for k, _ in cells], return_inverse=True)
+    homographies = lens.matrix @ things.frames[panels]
+    flat = np.abs(np.linalg.det(homographies)) < 1e-9
+    homographies[flat] = np.eye(3)
+    every = np.linalg.inv(homographies)[part]  # pixel -> (s, t, 1) / z
+    bounds = np.stack([b for _, b in cells])
+    s, t = bounds[:, [0, 1, 1, 0]], bounds[:, [2, 2, 3, 3]]
+    corners = np.stack([s, t, np.ones_like(s)], axis=2)
+    corners = corners @ things.frames[panels][part].transpose(0, 2, 1)
+    whole = (corners[..., 2] >= NEAR).all(axis=1).tolist()
+    with np.errstate(divide="ignore", invalid="ignore"):  # of those that the near plane cuts
+        images = corners @ lens.matrix.T
+        images = images[..., :2] / images[..., 2:]
+        levels = _levels(every, _inside(images, lens), things.texels[panels][part])
+    for (k, _), n, polygon, image, back, level, in_front in zip(
+        cells, part.tolist(), corners, images, every, levels, whole, strict=True
+    ):
+        if flat[n]:
+            continue
+        if in_front:
+            yield _Cell(k, image, back, (int(level[0]), int(level[1])))
+            continue
+        cut = _clip(polygon)
+        if len(cut) >= 3:
+            image = cut @ lens.matrix.T
+            image = image[:, :2] / image[:, 2:]
+            level = _levels(back[None], _inside(image, lens)[None], things.texels[k][None])[0]
+            yield _Cell(k, image, back, (int(level[0]), int(level[1])))
+
+
+def _inside(image: Array, lens: _Lens) -> Array:
+    return np.clip(image, 0.0, np.array([lens.width - 1.0, lens.height - 1.0]))
 
 
 def _add_reflection(canvas: _Canvas, mirrored: _Things, lens: _Lens) -> None:
@@ -283,41 +336,28 @@ def _swept(picture: Grey, inverse_depth: Shade, lens: _Lens, shutter: Shutter) -
     return np.rint(total, out=total).astype(np.uint8)
 
 
-def _draw(things: _Things, k: int, bounds: Array, lens: _Lens, canvas: _Canvas) -> None:
-    """Draw the part [s0, s1] x [t0, t1] of panel `k` where it is in front of what is there."""
-    frame = things.frames[k]
-    s0, s1, t0, t1 = bounds
-    corners = np.array([[s0, t0, 1], [s1, t0, 1], [s1, t1, 1], [s0, t1, 1.0]]) @ frame.T
-    polygon = _clip(corners)
-    if len(polygon) < 3:
-        return
-    image = polygon @ lens.matrix.T
-    image = image[:, :2] / image[:, 2:]
-    low, high = image.min(axis=0), image.max(axis=0)
-    x0, y0 = max(0, int(np.ceil(low[0] - _EDGE))), max(0, int(np.ceil(low[1] - _EDGE)))
-    x1, y1 = min(lens.width - 1, int(high[0] + _EDGE)), min(lens.height - 1, int(high[1] + _EDGE))
+def _draw(things: _Things, cell: _Cell, lens: _Lens, canvas: _Canvas) -> None:
+    """Draw a part of a panel where it is in front of what is there."""
+    polygon = cell.image.tolist()
+    across, down = [x for x, _ in polygon], [y for _, y in polygon]
+    x0, y0 = max(0, ceil(min(across) - _EDGE)), max(0, ceil(min(down) - _EDGE))
+    x1, y1 = min(lens.width - 1, int(max(across) + _EDGE)), min(lens.height - 1, int(max(down) + _EDGE))
     if x0 > x1 or y0 > y1:
         return
-    homography = lens.matrix @ frame
-    if abs(np.linalg.det(homography)) < 1e-9:
-        return
-    back = np.asarray(np.linalg.inv(homography), np.float64)  # pixel -> (s, t, 1) / z
-    q = back[2]
-    xs, ys = np.arange(x0, x1 + 1), np.arange(y0, y1 + 1)
+    q = cell.back[2]
+    xs, ys = lens.numbers[x0 : x1 + 1], lens.numbers[y0 : y1 + 1]
     here = np.add.outer((q[1] * ys + q[2]).astype(np.float32), (q[0] * xs).astype(np.float32))
     window = (slice(y0, y1 + 1), slice(x0, x1 + 1))
     visible = here > canvas.inverse_depth[window]
-    left, right = _spans(image, ys)
+    left, right = _spans(polygon, ys)
     columns = xs.astype(np.float32)
     visible &= columns >= left[:, None]
     visible &= columns <= right[:, None]
     if not visible.any():
         return
-    inside = np.clip(image, 0.0, np.array([lens.width - 1.0, lens.height - 1.0]))
-    level = _levels(back, inside, things.texels[k])
-    texture = things.maps[k].level(*level)
+    texture = things.maps[cell.panel].level(*cell.level)
     h, w = texture.shape
-    to_texel = np.array([[w, 0, -0.5], [0, h, -0.5], [0, 0, 1.0]]) @ back @ _shift(x0, y0)
+    to_texel = np.array([[w, 0, -0.5], [0, h, -0.5], [0, 0, 1.0]]) @ cell.back @ _shift(x0, y0)
     warped = cv2.warpPerspective(
         texture,
         to_texel,
@@ -325,10 +365,11 @@ def _draw(things: _Things, k: int, bounds: Array, lens: _Lens, canvas: _Canvas) 
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    np.copyto(canvas.picture[window], warped, where=visible)
-    np.copyto(canvas.inverse_depth[window], here, where=visible)
+    mask = visible.view(np.uint8)
+    cv2.copyTo(warped, mask, canvas.picture[window])
+    cv2.copyTo(here, mask, canvas.inverse_depth[window])
     if canvas.gloss is not None:
-        np.copyto(canvas.gloss[window], np.float32(things.gloss[k]), where=visible)
+        np.copyto(canvas.gloss[window], np.float32(things.gloss[cell.panel]), where=visible)
 
 
 def _shift(x: float, y: float) -> Array:
@@ -380,26 +421,28 @@ def _clip(corners: Array) -> Array:
     return np.array(kept).reshape(-1, 3)
 
 
-def _spans(polygon: Array, rows: Indices) -> tuple[Shade, Shade]:
-    """First and last column (real) of a convex polygon (N, 2) in each row; first > last off the polygon."""
-    a, b = polygon, np.roll(polygon, -1, axis=0)
-    dy = b[:, 1] - a[:, 1]
-    steep = np.abs(dy) > 1e-12
-    a, b, dy = a[steep], b[steep], dy[steep]
-    y = rows[:, None]
-    x = a[:, 0] + (y - a[:, 1]) * ((b[:, 0] - a[:, 0]) / dy)
-    met = (y >= np.minimum(a[:, 1], b[:, 1]) - _EDGE) & (y <= np.maximum(a[:, 1], b[:, 1]) + _EDGE)
-    left = np.where(met, x, np.inf).min(axis=1, initial=np.inf) - _EDGE
-    right = np.where(met, x, -np.inf).max(axis=1, initial=-np.inf) + _EDGE
-    return left.astype(np.float32), right.astype(np.float32)
+def _spans(polygon: list[list[float]], rows: Array) -> tuple[Shade, Shade]:
+    """First and last column (real) of a convex polygon in each of successive rows; first > last off it."""
+    first, count = int(rows[0]), len(rows)
+    left, right = np.full(count, np.inf), np.full(count, -np.inf)
+    for (x_a, y_a), (x_b, y_b) in zip(polygon, [*polygon[1:], polygon[0]], strict=True):
+        if abs(y_b - y_a) <= 1e-12:
+            continue
+        top, bottom = min(y_a, y_b) - _EDGE, max(y_a, y_b) + _EDGE
+        if bottom < first or top > first + count - 1:
+            continue
+        met = slice(max(0, ceil(top) - first), min(count, floor(bottom) - first + 1))
+        x = x_a + (rows[met] - y_a) * ((x_b - x_a) / (y_b - y_a))
+        np.minimum(left[met], x, out=left[met])
+        np.maximum(right[met], x, out=right[met])
+    return (left - _EDGE).astype(np.float32), (right + _EDGE).astype(np.float32)
 
 
-def _levels(back: Array, points: Array, texels: Array) -> tuple[int, int]:
-    """Levels along u and v: at the sharpest of `points` a sample steps over 1 to 2 texels."""
-    x = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ back.T
-    q = x[:, 2:]
-    step_x = (back[:2, 0] - x[:, :2] / q * back[2, 0]) / q
-    step_y = (back[:2, 1] - x[:, :2] / q * back[2, 1]) / q
-    step = np.hypot(step_x, step_y).min(axis=0) * texels
-    along_u, along_v = np.floor(np.log2(np.maximum(step, 1.0)))
-    return int(along_u), int(along_v)
+def _levels(back: Array, points: Array, texels: Array) -> Indices:
+    """Levels along u and v (N, 2): at the sharpest of `points` (N, M, 2) a sample steps 1 to 2 texels."""
+    x = np.concatenate([points, np.ones((*points.shape[:2], 1))], axis=2) @ back.transpose(0, 2, 1)
+    q = x[..., 2:]
+    step_x = (back[:, None, :2, 0] - x[..., :2] / q * back[:, None, 2:, 0]) / q
+    step_y = (back[:, None, :2, 1] - x[..., :2] / q * back[:, None, 2:, 1]) / q
+    step = np.hypot(step_x, step_y).min(axis=1) * texels
+    return np.asarray(np.floor(np.log2(np.maximum(step, 1.0))), np.int64)
