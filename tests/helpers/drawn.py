@@ -41,12 +41,11 @@ def kept(
     movers: Sequence[Mover] = (),
     shutter: Shutter | None = None,
 ) -> Image:
-    """What `draw` gives, of the same scene, pose, camera and shutter only once; it cannot be written to."""
-    if movers:
-        return draw(renderer, pose, camera, movers, shutter)
+    """What `draw` gives, of the same scenes, poses, camera and shutter only once; it cannot be written to."""
     lens = camera.model, camera.width, camera.height, tuple(camera.intrinsics), tuple(camera.distortion)
     swept = shutter and (shutter.motion.tobytes(), shutter.exposure, shutter.readout)
-    key = _scene(renderer), np.asarray(pose, float).tobytes(), lens, swept
+    bodies = [(_scene(body), np.asarray(at, float).tobytes()) for body, at in movers]
+    key = _scene(renderer), np.asarray(pose, float).tobytes(), lens, swept, *bodies
     if key not in _kept:
         _kept[key] = draw(renderer, pose, camera, movers, shutter)
         _kept[key].flags.writeable = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -139,8 +140,10 @@ def _module(path: Path, package: str) -> str:
 
 
 FILES = {_module(p, package): p for package, root in SOURCES.items() for p in sorted(root.rglob("*.py"))}
+KNOWN = {*FILES, "collabslam._core"}
 
 
+@cache
 def _imports(module: str) -> set[str]:
     """Modules of ours that a file imports, at its top or later."""
     names: set[str] = set()
@@ -148,9 +151,8 @@ def _imports(module: str) -> set[str]:
         if isinstance(node, ast.Import):
             names |= {a.name for a in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            known = {*FILES, "collabslam._core"}
             names |= {
-                full if (full := f"{node.module}.{a.name}") in known else node.module for a in node.names
+                full if (full := f"{node.module}.{a.name}") in KNOWN else node.module for a in node.names
             }
     return {n for n in names if n.split(".")[0] in SOURCES} - {module}
 
