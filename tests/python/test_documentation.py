@@ -44,6 +44,9 @@ TOOLS = {"evo_ape", "smfeval", "rerun"}
 COMMAND_LINES = {"collabslam": cli.main, "collabslam-lab": lab.main}
 BESIDE: list[subprocess.Popen[bytes]] = []
 """What a page started with an ``&`` and waits for with ``wait``."""
+TELLING = {"info", "check-calib", "doctor"}
+"""Commands that write nothing: the same words tell the same again, on whichever page they stand."""
+TOLD: set[tuple[str, ...]] = set()
 OVERVIEWS = {"evidence.md", "numbers.md"}
 """Pages of the list Evidence that are no claim."""
 FRAMES = 9
@@ -204,6 +207,8 @@ def play(words: list[str], folder: Path) -> None:
             process = BESIDE.pop()
             _, said = process.communicate(timeout=LONGEST)
             assert process.returncode == 0, said
+    elif name == "collabslam" and tuple(rest) in TOLD:
+        return
     elif name in COMMAND_LINES:
         for option in (
             "--out",
@@ -219,6 +224,8 @@ def play(words: list[str], folder: Path) -> None:
             status = int(done.code or 0)
         loose = "camchain.yaml" in rest  # the cameras of the demo are not a rig, and the run says so
         assert status == (1 if loose else 0), words
+        if rest[0] in TELLING and "--write" not in rest:
+            TOLD.add(tuple(rest))
     elif name in TOOLS:
         subprocess.run([str(Path(sys.executable).parent / name), *rest], check=True, capture_output=True)
     elif name == "make":
