@@ -78,11 +78,11 @@ def optional(check: Check) -> Check:
 
 def array(dtype: str, *shape: int | None, nan: bool = False) -> Check:
     """An array of that type and shape, None where a side may have any length; finite unless ``nan``."""
+    sides = "x".join("any" if n is None else str(n) for n in shape)
+    wanted, kind = f"a {sides} array of {dtype}", np.dtype(dtype)
 
     def check(value: Any, where: str) -> None:
-        sides = "x".join("any" if n is None else str(n) for n in shape)
-        wanted = f"a {sides} array of {dtype}"
-        if not isinstance(value, np.ndarray) or value.dtype != np.dtype(dtype) or value.ndim != len(shape):
+        if not isinstance(value, np.ndarray) or value.dtype != kind or value.ndim != len(shape):
             refuse(where, wanted)
         if any(n is not None and n != m for n, m in zip(shape, value.shape, strict=True)):
             refuse(where, wanted)
@@ -118,18 +118,22 @@ def table(key: type, check: Check) -> Check:
 
 def pose(value: Any, where: str) -> None:
     """A (4, 4) rigid transform, not farther than 1e9 m."""
-    array("<f8", 4, 4)(value, where)
+    _transform(value, where)
     turned = value[:3, :3] @ value[:3, :3].T
     rigid = np.abs(turned - np.eye(3)).max() < 1e-6 and np.linalg.det(value[:3, :3]) > 0.0
     if not rigid or np.abs(value[:3, 3]).max() > 1e9 or not np.array_equal(value[3], [0.0, 0.0, 0.0, 1.0]):
         refuse(where, "a pose")
 
 
+_transform = array("<f8", 4, 4)
+
+
 def covariance(size: int | None) -> Check:
     """A symmetric matrix with a diagonal that is not negative, of that size or any."""
+    square = array("<f8", size, size)
 
     def check(value: Any, where: str) -> None:
-        array("<f8", size, size)(value, where)
+        square(value, where)
         if (
             value.shape[0] != value.shape[1]
             or (np.diag(value) < 0.0).any()

@@ -220,14 +220,14 @@ class Settings:
         ]
         groups: tuple[str, ...] = ()
         values = self.values
-        for key, setting in schema().items():
+        for key in schema():
             *path, name = key.split(".")
             shared = _shared(groups, path)
             for depth in range(shared, len(path)):
                 lines += [""] if depth == shared else []
                 lines.append("  " * depth + path[depth] + ":")
             groups = tuple(path)
-            lines += _comment(setting, "  " * len(path))
+            lines += _comment(key)
             lines.append("  " * len(path) + f"{name}: {_yaml(values[key])}")
         return "\n".join(lines) + "\n"
 
@@ -295,10 +295,12 @@ def _shared(a: tuple[str, ...], b: list[str]) -> int:
     return count
 
 
-def _comment(setting: Setting, indent: str) -> list[str]:
+@cache
+def _comment(key: str) -> tuple[str, ...]:
+    setting, indent = schema()[key], "  " * key.count(".")
     unit = f" {setting.unit}" if setting.unit else ""
     text = f"{setting.doc} {setting.when} [{setting.allowed()}{unit}; default {_yaml(setting.default)}]"
-    return textwrap.wrap(text, _WIDTH, initial_indent=indent + "# ", subsequent_indent=indent + "# ")
+    return tuple(textwrap.wrap(text, _WIDTH, initial_indent=indent + "# ", subsequent_indent=indent + "# "))
 
 
 def _yaml(value: Any) -> str:

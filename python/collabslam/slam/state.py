@@ -49,21 +49,26 @@ def persistent_parts(owner: object) -> dict[str, PersistentState]:
     return {name: part for name, part in vars(owner).items() if isinstance(part, PersistentState)}
 
 
+_two = array("<f8", 2)
+_grey = array("|u1", None, None)
+_four = array("<f8", 4)
+
+
 def check_pixel(value: Any, where: str) -> None:
     """(2,) pixels."""
-    array("<f8", 2)(value, where)
+    _two(value, where)
     if float(abs(value).max()) > LARGEST_PIXEL:
         refuse(where, "a pixel")
 
 
 def _window(value: Any, where: str) -> None:
-    array("|u1", None, None)(value, where)
+    _grey(value, where)
     if value.shape[0] != value.shape[1] or value.shape[0] % 2 == 0:
         refuse(where, "a square window with a centre")
 
 
 def _check_inside(value: Any, where: str) -> None:
-    array("<f8", 4)(value, where)
+    _four(value, where)
     if not (value >= 0.0).all() or not (value <= LARGEST_PIXEL).all():
         refuse(where, "a part of the window")
 
