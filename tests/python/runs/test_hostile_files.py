@@ -6,15 +6,17 @@ import dataclasses
 import os
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from helpers.clip import Clip, Short
 from helpers.stand_ins import FakeSlam, Walk
 
-from collabslam import Output, SavedMap, Slam, Source, WornSpec, resume, run
+from collabslam import Camera, Output, SavedMap, Slam, Source, WornSpec, resume, run
 from collabslam.errors import CollabslamError, DataError
 from collabslam.formats import container
 from collabslam.formats.trajectory import read_covariances
@@ -22,9 +24,10 @@ from collabslam.runs import checkpoint
 from collabslam.runs.folder import CONFIG, MARK
 from collabslam.runs.results import CHECKPOINT
 from collabslam.runs.run_folder import RunFolder, read_frames
+from collabslam.settings.table import Settings
 from collabslam.slam.map import saved_map
 from collabslam.slam.saving import CLASSES
-from collabslam.types import Target
+from collabslam.types import Frame, Image, Target
 
 pytestmark = pytest.mark.slow
 
@@ -94,17 +97,43 @@ def refused_or_used(name: str, use: Callable[[], Any]) -> str | None:
     return None
 
 
+def half(camera: Camera) -> Camera:
+    f_x, f_y, c_x, c_y = camera.intrinsics
+    numbers = 0.5 * f_x, 0.5 * f_y, 0.5 * c_x - 0.25, 0.5 * c_y - 0.25
+    return Camera(camera.model, camera.width // 2, camera.height // 2, numbers, camera.distortion)
+
+
+def halved(image: Image) -> Image:
+    height, width = image.shape
+    return np.asarray(cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA), np.uint8)
+
+
 @pytest.fixture(scope="module")
-def engine(clip: Clip) -> Slam:
-    recording = clip.recording
-    slam = Slam(recording.camera, recording.worn_camera)
-    for frame in clip.frames[:5]:
+def small(clip: Clip) -> tuple[Camera, Camera, list[Frame]]:
+    """Both cameras and the first frames at half the resolution."""
+    frames = [
+        replace(
+            frame,
+            image=halved(frame.image),
+            views=tuple(replace(view, image=halved(view.image)) for view in frame.views),
+        )
+        for frame in clip.frames[:6]
+    ]
+    return half(clip.recording.camera), half(clip.recording.worn_camera), frames
+
+
+@pytest.fixture(scope="module")
+def engine(small: tuple[Camera, Camera, list[Frame]]) -> Slam:
+    """Of a few points, whose fields are those of many: it is made, and goes on, thousands of times."""
+    *cameras, frames = small
+    slam = Slam(*cameras, settings=Settings.default().replace({"filter.map.in_view": 12}))
+    for frame in frames[:5]:
         slam.step(frame.t, frame.image, frame.views)
-    slam.add_depth([[100.0, 100.0]], 3.0, 0.1)
+    slam.add_depth([[50.0, 50.0]], 3.0, 0.1)
     return slam
 
 
-def test_every_field_of_an_engine(clip: Clip, engine: Slam) -> None:
+def test_every_field_of_an_engine(small: tuple[Camera, Camera, list[Frame]], engine: Slam) -> None:
     state = engine.state()
     points = np.array([[0.1 * i, 0.1 * j, 0.0] for i in range(3) for j in range(2)])
     patches = [np.full((9, 9), 40 * i, np.uint8) for i in range(6)]
@@ -117,9 +146,11 @@ def test_every_field_of_an_engine(clip: Clip, engine: Slam) -> None:
         "_elsewhere": np.zeros(2),
     }
 
+    frame = small[2][5]
+
     def use(altered_state: Any) -> None:
         slam = Slam.from_state(altered_state)
-        slam.step(clip.frames[5].t, clip.frames[5].image, clip.frames[5].views)
+        slam.step(frame.t, frame.image, frame.views)
         slam.saved_map()
         slam.submaps()
 
@@ -161,17 +192,19 @@ def test_every_field_of_a_checkpoint(clip: Clip, tmp_path: Path, monkeypatch: py
     assert count > 300
 
 
-def test_every_field_of_a_map(clip: Clip, engine: Slam, tmp_path: Path) -> None:
+def test_every_field_of_a_map(
+    small: tuple[Camera, Camera, list[Frame]], engine: Slam, tmp_path: Path
+) -> None:
     engine.saved_map().save(tmp_path / "good.map")
     kind = saved_map.KIND, saved_map.VERSION
     content = container.read_container(tmp_path / "good.map", *kind, saved_map.CLASSES)
-    path, frame = tmp_path / "bad.map", clip.frames[5]
+    path, frame = tmp_path / "bad.map", small[2][5]
     used: list[str] = []
 
     def use(tree: Any) -> None:
         container.write_container(path, *kind, tree, saved_map.CLASSES)
         found = SavedMap.load(path)
-        slam = Slam(clip.recording.camera, mode="mono", start="map", map=found)
+        slam = Slam(small[0], mode="mono", start="map", map=found)
         slam.step(frame.t, frame.image)
         used.append("one")
 
