@@ -12,11 +12,28 @@ from helpers.clip import FRAMES, Clip
 from collabslam.simulation import corridor_recording
 from collabslam.simulation.renderer import Renderer
 
+LONGEST = (
+    "test_documentation.py",
+    "test_check_calib.py",
+    "test_demo_of_docs.py",
+    "test_clocks.py",
+    "test_calibrate_person.py",
+    "test_experiments.py",
+    "test_hostile_files.py",
+    "test_reproduce.py",
+    "test_attacks.py",
+    "test_relocalise.py",
+    "test_end_to_end.py",
+    "test_readers.py",
+)
+"""Files that take longer than others, the longest first."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests go first, so that processes that share the tests end together."""
+    """Long files go first, then those with slow tests: processes that share the tests end together."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    rank = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: (rank.get(item.path.name, len(rank)), item.path not in slow))
 
 
 @pytest.fixture(scope="session", autouse=True)
