@@ -70,6 +70,7 @@ def reproduce(
     from collabslam.batch.engines import LOCAL
     from collabslam.errors import SettingsError
     from collabslam.extras import needs
+    from collabslam.formats.files import try_place
     from collabslam_lab.paper_simulation.monte_carlo import Study
     from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 
@@ -83,6 +84,8 @@ def reproduce(
     numbers = {}
     overrides = "".join(f" --set {key}={value}" for key, value in (changes or {}).items())
     settings = SimulationSettings(changes)
+    for name in names:
+        try_place(out / f"{name}.md")
     place = engine or LOCAL
     with Study(settings, runs=runs, seed=seed, jobs=jobs, engine=place, progress=progress) as study:
         for name in names:
