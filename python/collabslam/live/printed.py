@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.errors import DataError
 from collabslam.live.tracked import OwnWorlds, shared
 from collabslam.live.views import LiveView, OwnPose
 from collabslam.slam.engine import Slam
 from collabslam.targets.kinds import Board, Tag
-from collabslam.targets.printed import Sighting, between, pose_between, sightings
+from collabslam.targets.printed import Sighting, between, pose_beside, sightings
 from collabslam.types import Image, WornView
 
 KEPT = 10
@@ -86,12 +85,14 @@ class PrintedPoses:
         if view.own is not None:
             return self._tracked(name, view.session, view.own, t, worn_image)
         frame = min(self._frames, key=lambda kept: abs(kept.t - t))
-        try:
-            pair = frame.image, self._camera, worn_image, self._worn_cameras[name]
-            found = pose_between(*pair, self._targets)
-        except DataError:
-            return None
-        return WornView(worn_image, *found, t=frame.t, who=name)
+        found = pose_beside(self._sightings(frame), worn_image, self._worn_cameras[name])
+        return None if found is None else WornView(worn_image, *found, t=frame.t, who=name)
+
+    def _sightings(self, frame: _Frame) -> list[Sighting]:
+        """Looked for once, however many views come beside the frame."""
+        if frame.seen is None:
+            frame.seen = sightings(frame.image, self._camera, self._targets)
+        return frame.seen
 
     def _tracked(self, name: str, session: str, own: OwnPose, t: float, worn_image: Image) -> WornView | None:
         """From the last frame of Cs with a target that the phone ever saw."""
@@ -99,9 +100,7 @@ class PrintedPoses:
         world.move(t, own, sightings(worn_image, self._worn_cameras[name], self._targets))
         of_cf = world.sightings()
         for frame in reversed(self._frames) if of_cf else ():
-            if frame.seen is None:
-                frame.seen = sightings(frame.image, self._camera, self._targets)
-            both = shared(frame.seen, of_cf)
+            both = shared(self._sightings(frame), of_cf)
             if not both:
                 continue
             found = [(*between(cs, cf), time_correlated) for cs, cf, time_correlated in both]

@@ -222,13 +222,21 @@ def pose_between(
     """
     for board in (t for t in targets if isinstance(t, Board)):
         board.check_direction()
-    of_cs = {s.target: s for s in sightings(image, camera, targets)}
-    shown = [t for t in targets if t in of_cs]
-    both = [(of_cs[s.target], s) for s in sightings(worn_image, worn_camera, shown)]
-    if not both:
+    found = pose_beside(sightings(image, camera, targets), worn_image, worn_camera)
+    if found is None:
         raise DataError("No printed target is seen by both cameras; show it to both.")
+    return found
+
+
+def pose_beside(
+    of_cs: Sequence[Sighting], worn_image: Image, worn_camera: Camera
+) -> tuple[Array, Array] | None:
+    """As `pose_between`, of what Cs sees already; None if Cf sees nothing of it."""
+    known = {s.target: s for s in of_cs if s.target is not None}
+    of_cf = {s.target: s for s in sightings(worn_image, worn_camera, known) if s.target is not None}
+    both = [(known[target], seen) for target, seen in of_cf.items()]
     poses = [between(a, b) for a, b in both]
-    return min(poses, key=lambda pose: float(np.linalg.slogdet(pose[1])[1]))
+    return min(poses, key=lambda pose: float(np.linalg.slogdet(pose[1])[1]), default=None)
 
 
 def between(of_cs: Sighting, of_cf: Sighting) -> tuple[Array, Array]:
