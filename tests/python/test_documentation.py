@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shlex
@@ -45,8 +46,8 @@ COMMAND_LINES = {"collabslam": cli.main, "collabslam-lab": lab.main}
 BESIDE: list[subprocess.Popen[bytes]] = []
 """What a page started with an ``&`` and waits for with ``wait``."""
 TELLING = {"info", "check-calib", "doctor"}
-"""Commands that write nothing: the same words tell the same again, on whichever page they stand."""
-TOLD: set[tuple[str, ...]] = set()
+"""Commands that write nothing, without ``--write``: of the same files the same words tell the same again."""
+TOLD: set[bytes] = set()
 OVERVIEWS = {"evidence.md", "numbers.md"}
 """Pages of the list Evidence that are no claim."""
 FRAMES = 9
@@ -197,8 +198,20 @@ def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     return place
 
 
+def told_of(words: list[str], folder: Path) -> bytes:
+    """Digest of a command and of all files that its words name, in a folder or after a sign."""
+    digest = hashlib.blake2b(repr(words).encode())
+    for part in (part for word in words for part in re.split("[:=,]", word) if part):
+        for path in sorted([folder / part, *(folder / part).rglob("*")]):
+            if path.is_file():
+                digest.update(str(path).encode() + path.read_bytes())
+    return digest.digest()
+
+
 def play(words: list[str], folder: Path) -> None:
     name, *rest = words
+    telling = words[:1] == ["collabslam"] and rest[0] in TELLING and "--write" not in rest
+    of = told_of(rest, folder) if telling else b""
     if words[-1] == "&":
         command = [sys.executable, "-m", "collabslam", *rest[:-1]]
         BESIDE.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
@@ -207,7 +220,7 @@ def play(words: list[str], folder: Path) -> None:
             process = BESIDE.pop()
             _, said = process.communicate(timeout=LONGEST)
             assert process.returncode == 0, said
-    elif name == "collabslam" and tuple(rest) in TOLD:
+    elif of in TOLD:
         return
     elif name in COMMAND_LINES:
         for option in (
@@ -224,8 +237,8 @@ def play(words: list[str], folder: Path) -> None:
             status = int(done.code or 0)
         loose = "camchain.yaml" in rest  # the cameras of the demo are not a rig, and the run says so
         assert status == (1 if loose else 0), words
-        if rest[0] in TELLING and "--write" not in rest:
-            TOLD.add(tuple(rest))
+        if telling:
+            TOLD.add(of)
     elif name in TOOLS:
         subprocess.run([str(Path(sys.executable).parent / name), *rest], check=True, capture_output=True)
     elif name == "make":

@@ -233,9 +233,8 @@ def pose_beside(
 ) -> tuple[Array, Array] | None:
     """As `pose_between`, of what Cs sees already; None if Cf sees nothing of it."""
     known = {s.target: s for s in of_cs if s.target is not None}
-    of_cf = {s.target: s for s in sightings(worn_image, worn_camera, known) if s.target is not None}
-    both = [(known[target], seen) for target, seen in of_cf.items()]
-    poses = [between(a, b) for a, b in both]
+    of_cf = sightings(worn_image, worn_camera, known)
+    poses = [between(known[s.target], s) for s in of_cf if s.target is not None]
     return min(poses, key=lambda pose: float(np.linalg.slogdet(pose[1])[1]), default=None)
 
 

@@ -66,13 +66,8 @@ def recorded() -> tuple[Recording, list[Frame]]:
     return recording, [recording.frame(i) for i in range(FRAMES)]
 
 
-@cache
-def _described(shape: tuple[int, int], content: bytes) -> matching.Points:
-    return matching.describe(np.frombuffer(content, np.uint8).reshape(shape))
-
-
 def _matched(a: matching.Points, b: matching.Points) -> matching.Matches:
-    """Of points that `_described` keeps, so that they are known by where they are."""
+    """Of points that `matching.describe` keeps, so that they are known by where they are."""
     key = id(a.uv), id(b.uv)
     if key not in MATCHED:
         MATCHED[key] = a, b, matching.match_points(a, b)
@@ -84,9 +79,8 @@ MATCHED: dict[tuple[int, int], tuple[matching.Points, matching.Points, matching.
 
 @pytest.fixture
 def walk(recorded: tuple[Recording, list[Frame]], monkeypatch: pytest.MonkeyPatch) -> Walk:
-    """The recording; its images are described, and matched, once for all tests."""
+    """The recording; its images are matched once for all tests."""
     for module in (lengths, robot, views):
-        monkeypatch.setattr(module, "describe", lambda image: _described(image.shape, image.tobytes()))
         monkeypatch.setattr(module, "match_points", _matched)
     return Walk(*recorded)
 
