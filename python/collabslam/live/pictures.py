@@ -32,6 +32,8 @@ LONGEST_REST = 1024
 class Pictures:
     """Decodes the views of all devices; any thread may call `take`.
 
+    The workers of the cameras are started at once, as one needs a second to come up, and `wait` waits for them.
+
     Parameters
     ----------
     cameras : mapping
@@ -51,11 +53,22 @@ class Pictures:
         self._cameras, self._give, self._drop = dict(cameras), give, drop
         self._lock = threading.Lock()
         self._devices: dict[str, _Device] = {}
+        self._ready = {name: Worker(camera) for name, camera in self._cameras.items()}
         self._closed = False
+
+    def wait(self) -> None:
+        """Until the workers are up, before any view is taken; one that does not come up is done without."""
+        for name, worker in list(self._ready.items()):
+            try:
+                worker.decode(b"")
+            except WorkerDied:
+                worker.close()
+                del self._ready[name]
 
     def take(self, name: str, view: LiveView) -> None:
         """A view of a device; of nobody's whose camera is known it goes on as it is."""
-        camera = self._cameras.get(name, self._cameras.get(""))
+        known = name if name in self._cameras else ""
+        camera = self._cameras.get(known)
         if camera is None or not isinstance(view.image, bytes):
             self._give(view)
             return
@@ -63,7 +76,8 @@ class Pictures:
             if self._closed:
                 return
             if name not in self._devices:
-                self._devices[name] = _Device(camera, self._give, partial(self._drop, name))
+                worker, drop = self._ready.pop(known, None), partial(self._drop, name)
+                self._devices[name] = _Device(camera, self._give, drop, worker)
             device = self._devices[name]
         device.add(view)
 
@@ -72,19 +86,26 @@ class Pictures:
         with self._lock:
             self._closed = True
             devices, self._devices = list(self._devices.values()), {}
-        for device in devices:
-            device.close()
+            ready, self._ready = list(self._ready.values()), {}
+        for ended in (*devices, *ready):
+            ended.close()
 
 
 class _Device:
-    """One device's thread and worker."""
+    """One device's thread, and its worker: ``worker`` if one is ready."""
 
-    def __init__(self, camera: Camera, give: Callable[[LiveView], None], drop: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        give: Callable[[LiveView], None],
+        drop: Callable[[str], None],
+        worker: Worker | None,
+    ) -> None:
         self._camera, self._give, self._drop = camera, give, drop
         self._waiting: deque[LiveView] = deque()
         self._change = threading.Condition()
         self._ended = False
-        self._worker: Worker | None = None
+        self._worker = worker
         self._rest, self._deaths = 0, 0
         self._thread = threading.Thread(target=self._work, name="pictures", daemon=True)
         self._thread.start()

@@ -132,7 +132,6 @@ class RobotNode:
             self.uplink.use(worn)
             pictures = Pictures(worn, self.uplink.give, self.uplink.drop)
             stack.callback(pictures.close)
-            self.uplink.pictures = pictures
             slam = self._engine(folder, worn)
             unit = ARBITRARY if options.start == "scale-free" else METRES
             results = LiveResults(
@@ -150,6 +149,8 @@ class RobotNode:
             stack.callback(recorder.close)
             if options.sensors is not None and self.uplink.sensing is not None:
                 self._camera.hear(options.sensors.only("robot"), self.uplink.sensing)
+            pictures.wait()
+            self.uplink.pictures = pictures
             self._camera.begin()
             live = LiveSlam(
                 slam,

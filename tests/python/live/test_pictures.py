@@ -109,6 +109,21 @@ def test_strangers_start_no_workers() -> None:
     heard.pictures.close()
 
 
+def test_workers_are_up_before_the_first_picture() -> None:
+    heard = Heard({"anna": CAMERA, "ben": CAMERA})
+    heard.pictures.wait()
+    ready = {name: worker._process._process.pid for name, worker in heard.pictures._ready.items()}
+    os.kill(ready["ben"], signal.SIGKILL)
+    heard.pictures.wait()  # nor is one that died while it came up a fault
+    heard.take("anna/1")
+    heard.take("ben/1")
+    assert until(lambda: len(heard.views) == 2)
+    assert heard.dropped == []
+    assert heard.worker("anna") == ready["anna"]
+    assert heard.worker("ben") != ready["ben"]
+    heard.pictures.close()
+
+
 LIMITED = """
 import sys
 from collabslam.live import decode_worker as w
