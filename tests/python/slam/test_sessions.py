@@ -167,7 +167,7 @@ def test_a_submap_as_a_map_says_what_the_submap_says(file: Path) -> None:
 @pytest.mark.slow
 def test_submaps_that_cannot_be_recognised_are_refused(file: Path, tmp_path: Path) -> None:
     known = SavedMap.load(file)
-    last = replace(known.submaps.submaps[-1], descriptors=np.empty((0, 128), np.float32))
+    last = replace(known.submaps.submaps[-1], codes=np.empty((0, 128), np.uint8))
     chain = replace(known.submaps, submaps=[*known.submaps.submaps[:-1], last])
     replace(known, submaps=chain).save(tmp_path / "map")
     with pytest.raises(DataError, match="recognised"):

@@ -35,7 +35,7 @@ from collabslam.frontend.place_recognition import (
 from collabslam.results import Loop
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.submaps.chain import Chain
-from collabslam.slam.submaps.submap import Submap
+from collabslam.slam.submaps.submap import Submap, in_bytes
 from collabslam.types import Ids, Image
 
 CANDIDATES = 2
@@ -167,7 +167,7 @@ class LoopSearch:
 def _described(chain: Chain) -> Chain:
     """With descriptors of the last submap."""
     last = chain.submaps[-1]
-    last = replace(last, descriptors=describe_views(last.patches, SUPPORT))
+    last = replace(last, codes=in_bytes(describe_views(last.patches, SUPPORT)))
     return replace(chain, submaps=[*chain.submaps[:-1], last])
 
 

@@ -1,7 +1,8 @@
 """A submap as it is kept: landmarks, what is known of them, and how they look, in few arrays (METHOD 25).
 
-A robot keeps a thousand of them.  Of a symmetric covariance the lower triangle is kept, and of the views
-their windows in one array: what both are read as is made anew each time that it is asked for.
+A robot keeps a thousand of them.  Of a symmetric covariance the lower triangle is kept, in single precision,
+descriptors are kept in bytes, and of the views their windows in one array: what they are read as is made anew
+each time that it is asked for.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from collabslam import _core
 from collabslam._core import LAST_TIME
 from collabslam.formats.schema import array, covariance, instance, items, number, pose, refuse
+from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.patch import Patch
 from collabslam.slam.state import PATCH
 from collabslam.types import Array, Ids, Indices
@@ -35,16 +37,16 @@ class Submap:
     ids : (N,) int64
     points : (N, 3) float64
         Metres, in the frame of the camera.
-    triangle : (3 N (3 N + 1) / 2,) float64
-        Lower triangle of `covariance`, row by row.
+    triangle : (3 N (3 N + 1) / 2,) float32
+        Lower triangle of `covariance`, row by row; see `rounded`.
     with_transferred, transferred : (3 N, K), (K, K) float64
         See `_core.Submap`; runs with different numbers of worn cameras differ in K.
     windows : (N, h, h) uint8
     uv_ref : (N, 2) float64
     inside : (N, 4) float64
         Of `patches`.
-    descriptors : (N, 128) float32
-        Of the patches; (0, 128) until the search that follows the submap's end is done.
+    codes : (N, 128) uint8
+        `descriptors` in bytes; (0, 128) until the search that follows the submap's end is done.
     used : (N,) bool
         Landmarks that a loop rests on: each tells what it knows once.
     """
@@ -54,13 +56,13 @@ class Submap:
     pose_covariance: Array
     ids: Ids
     points: Array
-    triangle: Array
+    triangle: NDArray[np.float32]
     with_transferred: Array
     transferred: Array
     windows: NDArray[np.uint8]
     uv_ref: Array
     inside: Array
-    descriptors: NDArray[np.float32]
+    codes: NDArray[np.uint8]
     used: NDArray[np.bool_]
 
     @classmethod
@@ -72,11 +74,11 @@ class Submap:
             made.pose_covariance,
             made.ids,
             made.points,
-            lower_triangle(made.covariance),
+            rounded(made.covariance),
             made.with_transferred,
             made.transferred,
             *_in_arrays(patches),
-            np.empty((0, 128), np.float32),
+            np.empty((0, 128), np.uint8),
             np.zeros(len(made.ids), dtype=bool),
         )
 
@@ -94,13 +96,16 @@ class Submap:
         return [Patch(window, uv, there, inside) for window, uv, inside in parts]
 
     @property
+    def descriptors(self) -> Descriptors:
+        """Of the patches, (N, 128)."""
+        return from_bytes(self.codes)
+
+    @property
     def described(self) -> bool:
         """Whether it can be recognised."""
-        return len(self.descriptors) == len(self.ids)
+        return len(self.codes) == len(self.ids)
 
-    def of_landmarks(
-        self, which: Indices, patches: Sequence[Patch], descriptors: NDArray[np.float32]
-    ) -> Submap:
+    def of_landmarks(self, which: Indices, patches: Sequence[Patch], descriptors: Descriptors) -> Submap:
         """With some of its landmarks, and these views of them."""
         rows = (3 * which[:, None] + np.arange(3)).ravel()
         windows, uv_ref, inside = _in_arrays(patches)
@@ -113,22 +118,46 @@ class Submap:
             windows=windows,
             uv_ref=uv_ref,
             inside=inside,
-            descriptors=descriptors,
+            codes=in_bytes(descriptors),
             used=self.used[which],
         )
 
     def without_landmarks(self) -> Submap:
         """Its pose alone; no part of the others' arrays stays."""
-        none = np.empty(0, dtype=np.int64)
-        return self.of_landmarks(none, [], self.descriptors[none])
+        return self.of_landmarks(np.empty(0, dtype=np.int64), [], np.empty((0, 128), np.float32))
 
 
-def lower_triangle(matrix: Array) -> Array:
-    """Of a symmetric matrix (N, N), row by row: (N (N + 1) / 2,)."""
-    return np.asarray(matrix[np.tril_indices(len(matrix))])
+def lower_triangle(matrix: Array) -> NDArray[np.float32]:
+    """Of a symmetric matrix (N, N), row by row, to the nearest in single precision: (N (N + 1) / 2,)."""
+    return matrix[np.tril_indices(len(matrix))].astype(np.float32)
 
 
-def mirrored(triangle: Array) -> Array:
+def rounded(covariance: Array) -> NDArray[np.float32]:
+    """The `lower_triangle` of a covariance (N, N) that is at least that.
+
+    Rounding changes an entry by a share ``e = 2^-24`` of itself at most, and no entry is larger than the root
+    of the variances of its row and column: N + 2 such shares of each variance, added to it, outweigh all that
+    rounding does, that of the sum too.
+    """
+    e = float(np.finfo(np.float32).eps) / 2.0
+    wider = covariance.copy()
+    wider[np.diag_indices(len(wider))] *= 1.0 + (len(wider) + 2) * e
+    return lower_triangle(wider)
+
+
+def in_bytes(descriptors: Descriptors) -> NDArray[np.uint8]:
+    """Unit vectors without negative entries, each entry to 1 / 255."""
+    return np.rint(255.0 * descriptors).astype(np.uint8)
+
+
+def from_bytes(codes: NDArray[np.uint8]) -> Descriptors:
+    """Unit vectors again; one of nothing stays nothing."""
+    vectors = codes.astype(np.float32)
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, 1.0), np.float32)
+
+
+def mirrored(triangle: NDArray[np.float32]) -> Array:
     """The symmetric matrix (N, N) of which this is the `lower_triangle`."""
     n = (math.isqrt(8 * len(triangle) + 1) - 1) // 2
     rows, columns = np.tril_indices(n)
@@ -154,7 +183,7 @@ def check_submap(value: Any, where: str) -> None:
     sizes = instance(
         Submap,
         ids=array("<i8", None),
-        descriptors=array("<f4", None, 128),
+        codes=array("|u1", None, 128),
         transferred=covariance(None),
     )
     sizes(value, where)
@@ -165,7 +194,7 @@ def check_submap(value: Any, where: str) -> None:
         pose=pose,
         pose_covariance=covariance(6),
         points=array("<f8", n, 3),
-        triangle=array("<f8", 3 * n * (3 * n + 1) // 2),
+        triangle=array("<f4", 3 * n * (3 * n + 1) // 2),
         with_transferred=array("<f8", 3 * n, len(value.transferred)),
         windows=array("|u1", n, None, None),
         uv_ref=array("<f8", n, 2),
@@ -174,5 +203,5 @@ def check_submap(value: Any, where: str) -> None:
     )(value, where)
     covariance(3 * n)(value.covariance, f"{where}.covariance")
     items(PATCH, n)(value.patches, f"{where}.patches")
-    if len(value.descriptors) and not value.described:
+    if len(value.codes) and not value.described:
         refuse(where, "a submap with a descriptor of each landmark")
