@@ -63,7 +63,7 @@ class Recovery:
         found = self._restart.attempt(view, wrong=True) if wrong else None
         begun = found is not None
         if found is None:
-            found = self._by_targets(lost=not report.accepted)
+            found = self._by_targets(view, lost=not report.accepted)
         if found is None:
             found = self._relocaliser.look_back(view) if report.accepted else self._relocaliser.attempt(view)
         in_submap = False
@@ -78,9 +78,11 @@ class Recovery:
                 self._known.left()
         return found
 
-    def _by_targets(self, *, lost: bool) -> Recovered | None:
+    def _by_targets(self, view: View, *, lost: bool) -> Recovered | None:
         """Where printed targets put the camera: in its map, if it may be anywhere, or in another one."""
         found = find_by_targets(self._filter, self._camera, self._printed.in_map()) if lost else None
+        if found is not None:
+            return self._relocaliser.seen_from_there(view, found)
         for old in self._relocaliser.inactive:
             if found is not None:
                 break

@@ -17,7 +17,7 @@ from collabslam.formats.schema import Check, items, number, optional, table, who
 from collabslam.frontend.describe import SUPPORT, Descriptors
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.place_recognition import MIN_PATCHES, Fix, describe_views, locate
+from collabslam.frontend.place_recognition import MIN_PATCHES, Fix, confirmed, describe_views, locate
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.slam.recovery.inactive_map import InactiveMap, check_inactive_map
@@ -151,6 +151,27 @@ class Relocaliser(PersistentState):
         self._looked_back = view.t
         self._inactive = [self._inactive[-1], *self._inactive[:-1]]
         return self._in_inactive(view, 0, (0.0,))
+
+    def seen_from_there(self, view: View, found: Recovered) -> Recovered:
+        """The landmarks that an image shows from where a few points have put the camera join them.
+
+        Where frames are so far apart that no prediction says where a landmark is, those points would else be all
+        that the camera ever sees of its map.
+        """
+        landmarks = self._core.landmarks()
+        others = ~np.isin(landmarks.ids, found.seen.ids)
+        use = np.flatnonzero((landmarks.rho_ratio < MAX_RANGE_RATIO) & others)
+        if len(use) < MIN_PATCHES:
+            return found
+        ids = landmarks.ids[use]
+        views = MapViews.of(landmarks.points[use], self.views(ids))
+        fix = confirmed(view.image, self._camera, self._core.pose, views, self._options, view.hidden)
+        if fix is None:
+            return found
+        at = ids[fix.landmarks]
+        bearings = self._core.update(at, at, fix.uv, min_inliers=MIN_PATCHES).bearings
+        more = ImagePoints(at[bearings.accepted], fix.uv[bearings.accepted])
+        return replace(found, seen=found.seen.with_more(more))
 
     def _in_use(self, view: View, rolls: tuple[float, ...]) -> Recovered | None:
         landmarks = self._core.landmarks()
