@@ -291,7 +291,9 @@ impl Life {
         if bytes.rough && bytes.below(16) == 0 {
             ids.push(bytes.byte().into());
         }
-        self.filter.promote_candidates(&ids).map(|_| ())
+        self.filter
+            .promote_candidates(&ids, ids.len() > 2)
+            .map(|_| ())
     }
 
     fn remove(&mut self, bytes: &mut Bytes<'_>) -> Result<(), EkfError> {

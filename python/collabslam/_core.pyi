@@ -916,13 +916,16 @@ class Filter:
         InputError
             For wrong shapes, NaN, unknown ids, an id given twice; the filter stays as it was.
         """
-    def promote_candidates(self, ids: ArrayLike) -> NDArray[np.int64]:
+    def promote_candidates(self, ids: ArrayLike, *, alike: bool = False) -> NDArray[np.int64]:
         """Candidates that shall wait for parallax no longer are born with a vague depth, as features of their
         first view.
 
         Parameters
         ----------
         ids : (N,) int64
+        alike : bool
+            Whether half of the variance of their depths is common to all: then their number does not tell
+            how large the scene is.
 
         Returns
         -------
@@ -1078,6 +1081,20 @@ class Filter:
     def followed_gyro(self) -> bool:
         """Whether the gyroscope told how the camera turned in the last prediction, for most of its time;
         until a frame is measured.
+        """
+    def expect_speed(self, speed: float, sd: float) -> None:
+        """Says how fast the camera usually goes.  Where two frames at least were not used before the present
+        one and its speed is known less well than that, it is measured so (METHOD 28).
+
+        Parameters
+        ----------
+        speed, sd : float
+            m/s, and its standard deviation.
+
+        Raises
+        ------
+        InputError
+            Before the start, and for numbers that are no speed.
         """
     @property
     def follows_gyro(self) -> bool | None:
@@ -2080,6 +2097,8 @@ class UpdateReport:
     worn_poses : dict of int to (pose, covariance)
         Where the worn cameras were whose views were measured, by their numbers: T_WF (4, 4), metres, and
         its covariance (6, 6) over (translation m, rotation rad), right tangent.
+    too_fast : bool
+        Whether it was not used as the camera would have been faster than it may be.
     jumped : bool
         Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
         the map.
@@ -2112,6 +2131,8 @@ class UpdateReport:
     def worn_error_of_map(self) -> NDArray[np.float64]: ...
     @property
     def worn_poses(self) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
+    @property
+    def too_fast(self) -> bool: ...
     @property
     def jumped(self) -> bool: ...
 

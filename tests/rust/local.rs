@@ -116,7 +116,7 @@ impl Pair {
             if frame % 12 == 3 {
                 let waiting: Vec<u64> = filter.candidate_ids().take(1).collect();
                 assert!(frame < 12 || !waiting.is_empty());
-                filter.promote_candidates(&waiting).unwrap();
+                filter.promote_candidates(&waiting, false).unwrap();
             }
             if frame % 20 == 19 {
                 let ids: Vec<(u64, _)> = filter.candidate_ids().zip(pixels.clone()).collect();

@@ -33,6 +33,7 @@ pub(crate) mod filter {
         mod odometry;
         mod shutter;
         mod turning;
+        mod unseen;
     }
     pub(crate) mod update;
     mod worn {

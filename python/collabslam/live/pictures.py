@@ -32,7 +32,7 @@ LONGEST_REST = 1024
 class Pictures:
     """Decodes the views of all devices; any thread may call `take`.
 
-    The workers of the cameras are started at once, as one needs a second to come up, and `wait` waits for them.
+    The workers of the cameras are started at once, as one needs a second to come up; `wait` waits for them.
 
     Parameters
     ----------
@@ -58,12 +58,8 @@ class Pictures:
 
     def wait(self) -> None:
         """Until the workers are up, before any view is taken; one that does not come up is done without."""
-        for name, worker in list(self._ready.items()):
-            try:
-                worker.decode(b"")
-            except WorkerDied:
-                worker.close()
-                del self._ready[name]
+        for name in [name for name, worker in self._ready.items() if not worker.is_up()]:
+            self._ready.pop(name).close()
 
     def take(self, name: str, view: LiveView) -> None:
         """A view of a device; of nobody's whose camera is known it goes on as it is."""
@@ -87,8 +83,10 @@ class Pictures:
             self._closed = True
             devices, self._devices = list(self._devices.values()), {}
             ready, self._ready = list(self._ready.values()), {}
-        for ended in (*devices, *ready):
-            ended.close()
+        for device in devices:
+            device.close()
+        for worker in ready:
+            worker.close()
 
 
 class _Device:
@@ -188,6 +186,14 @@ class Worker:
         if len(pixels) != self._shape[0] * self._shape[1]:
             raise WorkerDied
         return np.frombuffer(pixels, np.uint8).reshape(self._shape)
+
+    def is_up(self) -> bool:
+        """Whether it answers; waits for that."""
+        try:
+            self.decode(b"")
+        except WorkerDied:
+            return False
+        return True
 
     def kill(self) -> None:
         """End the process at once."""

@@ -70,6 +70,7 @@ class FrameLoop:
         parts.gyro.predicted()
         if blank:
             return self._coast(t, blank, times, followed=followed)
+        parts.usual_speed.expect(t)
         view = parts.worn_rates.believed(self._view(t, image, worn))
         last = parts.tracks.last_image
         expected = parts.search.expected(view)
@@ -94,6 +95,8 @@ class FrameLoop:
             change = parts.map.grow(view, found, overlap, depths, report)
         else:
             change = parts.map.hold(view, found)
+        if report.too_fast and recovered is None:
+            change = parts.map.forget(found, change)
         parts.tracks.adopt(view, core.pose, change, core.candidates, recovered)
         parts.fixed.adopt(change.fixed)
         parts.relocaliser.forget(change.deleted)

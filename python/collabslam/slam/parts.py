@@ -114,7 +114,7 @@ class Parts:
         self.late = LateViews(core, camera, self.worn, self.tracks, settings, self.wearers, self.mask)
         self.seen_through = SeenThrough(core, camera, self.tracks, self.worn, self.wearers, settings)
         self.view_planner = ViewPlanner(core, self.monitor, options.worn.min_matches)
-        self.map = MapManager(core, settings, self.printed, self.start)
+        self.map = MapManager(core, settings, self.printed, self.start, self.usual_speed)
         self.size = MapSize(core, self.usual_speed, settings.filter.worn.bias_time)
         self.submaps = Submaps(core, camera, settings.filter.pixel.sigma_cs, options, self.mask)
         self.relocaliser = Relocaliser(core, camera, self.tracks, options)

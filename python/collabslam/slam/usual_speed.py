@@ -1,7 +1,7 @@
 """How fast the camera usually goes.
 
-It bounds its speed after it has seen nothing (METHOD 28), and tells which of two maps has the right size
-(METHOD 22).
+After it has seen nothing that is how fast it goes, and bounds what it is told (METHOD 28); and it tells which
+of two maps has the right size (METHOD 22).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collabslam.formats.schema import Check, array, number, optional
 from collabslam.slam.state import PersistentState
 from collabslam.types import Array
 
-_FASTER = 1.5
+_FASTER = 1.25
 """Times the usual speed that a camera does not exceed after it has seen nothing."""
 _USUAL = 0.9
 """Share of the frames in which it is not faster than usually."""
@@ -24,6 +24,10 @@ _LAST, _LEAST = 300, 50
 """Frames that tell the usual speed: the last ones, and how many there must be."""
 _BAND, _WIDER = (0.2, 0.8), 1.15
 """Quantiles of the speeds between which one is usual, and by how much more it may be off."""
+_SDS = 1.68
+"""Between those quantiles, of a normal distribution."""
+_LEAST_SD = 0.1
+"""Of the speed after frames that showed nothing, as a share: it may have changed meanwhile."""
 _AFTER = 5.0
 """Seconds after a frame that was refused in which the map's size is in doubt."""
 
@@ -51,10 +55,24 @@ class UsualSpeed(PersistentState):
 
         Of a camera whose turn a gyroscope tells, after frames in which it saw nothing; None elsewhere.
         """
-        doubted = self._refused is not None and t - self._refused <= _AFTER
-        if not doubted or len(self._speeds) < _LEAST or not self._filter.followed_gyro:
+        if not self.doubts(t) or not self._filter.followed_gyro:
             return None
         return _FASTER * float(np.quantile(self._speeds, _USUAL))
+
+    def doubts(self, t: float) -> bool:
+        """Whether a map that grows at ``t`` has its size from the speed alone.
+
+        After frames that a camera did not use, whose turn a gyroscope tells.
+        """
+        refused = self._refused is not None and t - self._refused <= _AFTER
+        return refused and len(self._speeds) >= _LEAST and self._filter.follows_gyro is True
+
+    def expect(self, t: float) -> None:
+        """Tells the filter, which has predicted a frame at ``t``, how fast the camera goes unseen."""
+        if self.doubts(t):
+            low, speed, high = np.quantile(self._speeds, [_BAND[0], 0.5, _BAND[1]]).tolist()
+            if speed > 0.0:
+                self._filter.expect_speed(speed, max((high - low) / _SDS, _LEAST_SD * speed))
 
     def is_usual(self, speed: float) -> bool | None:
         """Whether the camera goes at a ``speed`` (m/s) as it mostly does; None where that is not known."""

@@ -12,7 +12,15 @@ from helpers.clip import Clip
 from collabslam.errors import DataError
 from collabslam.frontend.patch import Patch, capture
 from collabslam.slam.engine import Slam
-from collabslam.slam.submaps.submap import Submap, check_submap, from_bytes, in_bytes, lower_triangle, mirrored, rounded
+from collabslam.slam.submaps.submap import (
+    Submap,
+    check_submap,
+    from_bytes,
+    in_bytes,
+    lower_triangle,
+    mirrored,
+    rounded,
+)
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,13 @@ import pytest
 from helpers.clip import Clip
 
 from collabslam import InputError, Slam
+from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.usual_speed import UsualSpeed
 
 
 def _went(frames: int, *, gyro: bool = True) -> UsualSpeed:
     """A camera that went at 1 m/s, 10 frames a second, until the time 0."""
-    core = SimpleNamespace(followed_gyro=gyro, velocity=np.array([0.6, 0.0, 0.8]))
+    core = SimpleNamespace(followed_gyro=gyro, follows_gyro=gyro, velocity=np.array([0.6, 0.0, 0.8]))
     speed = UsualSpeed(core)  # type: ignore[arg-type]
     for k in range(frames):
         speed.take(0.1 * (k - frames), accepted=True, lost=False, trusted=True)
@@ -25,7 +26,7 @@ def test_the_speed_is_bounded_for_a_while_after_a_frame_that_was_refused() -> No
     speed = _went(60)
     assert speed.most(0.0) is None
     speed.take(0.0, accepted=False, lost=False, trusted=False)
-    assert speed.most(4.9) == pytest.approx(1.5)
+    assert speed.most(4.9) == pytest.approx(1.25)
     assert speed.most(5.1) is None
     speed.take(0.1, accepted=False, lost=True, trusted=False)
     assert speed.most(0.2) is None
@@ -43,7 +44,50 @@ def test_what_is_seen_while_it_is_bounded_tells_no_usual_speed() -> None:
     speed._filter.velocity *= 1.4  # type: ignore[misc]
     for k in range(1, 40):
         speed.take(0.1 * k, accepted=True, lost=False, trusted=True)
-    assert speed.most(4.0) == pytest.approx(1.5)
+    assert speed.most(4.0) == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize(("spread", "sd"), [(0.0, 0.1), (0.6, 0.6 * 0.6 / 1.68)])
+def test_after_it_saw_nothing_the_filter_is_told_how_fast_it_goes(spread: float, sd: float) -> None:
+    told: list[tuple[float, float]] = []
+    core = SimpleNamespace(
+        followed_gyro=True,
+        follows_gyro=True,
+        velocity=np.zeros(3),
+        expect_speed=lambda *speed: told.append(speed),
+    )
+    speed = UsualSpeed(core)  # type: ignore[arg-type]
+    for k, share in enumerate(np.linspace(-0.5, 0.5, 101)):
+        core.velocity = np.array([1.0 + spread * share, 0.0, 0.0])
+        speed.take(0.1 * (k - 101), accepted=True, lost=False, trusted=True)
+    speed.expect(0.0)
+    assert told == []
+    speed.take(0.0, accepted=False, lost=False, trusted=False)
+    assert speed.doubts(4.9)
+    assert not speed.doubts(5.1)
+    speed.expect(0.1)
+    assert told[0] == pytest.approx((1.0, sd))
+    core.follows_gyro = False
+    assert not speed.doubts(0.1)
+
+
+def test_features_that_say_it_is_too_fast_are_deleted(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    slam = Slam(clip.recording.camera, clip.recording.worn_camera)
+    for frame in clip.frames[:4]:
+        slam.step(frame.t, frame.image, frame.views)
+    before = set(slam.filter.features.tolist())
+    monkeypatch.setattr(UsualSpeed, "most", lambda *_: 0.1)
+    monkeypatch.setattr(Relocaliser, "attempt", lambda *_: None)
+    frame = clip.frames[4]
+    result = slam.step(frame.t, frame.image)
+    assert result.diagnostics["accepted"] == 0
+    gone = before - set(slam.filter.features.tolist())
+    found = result.features.ids[~np.isnan(result.features.found[:, 0])]
+    assert gone == set(found.tolist())
+    assert len(gone) > 20
+    monkeypatch.undo()
+    again = [slam.step(f.t, f.image, f.views) for f in clip.frames[5:9]]
+    assert again[-1].valid
 
 
 def test_a_speed_is_usual_within_a_band_of_those_before() -> None:
@@ -60,10 +104,12 @@ def test_a_frame_that_would_make_it_faster_is_refused(clip: Clip) -> None:
     core.predict(clip.frames[4].t)
     expected, pose, covariance = core.predict_pixels(), core.pose, core.pose_covariance
     seen = expected.ids, expected.ids, expected.uv
-    assert not core.update(*seen, max_speed=0.1).accepted
+    refused = core.update(*seen, max_speed=0.1)
+    assert (refused.accepted, refused.too_fast) == (False, True)
     np.testing.assert_array_equal(core.pose, pose)
     np.testing.assert_array_equal(core.pose_covariance, covariance)
-    assert core.update(*seen, max_speed=100.0).accepted
+    used = core.update(*seen, max_speed=100.0)
+    assert (used.accepted, used.too_fast) == (True, False)
     assert np.trace(core.pose_covariance) < np.trace(covariance)
 
 

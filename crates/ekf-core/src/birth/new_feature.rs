@@ -147,7 +147,11 @@ impl NewFeature {
         self.by_others.push(part);
     }
 
-    fn rho_depends_on<const C: usize>(&mut self, offset: usize, by: &SMatrix<f64, 1, C>) {
+    pub(crate) fn rho_depends_on<const C: usize>(
+        &mut self,
+        offset: usize,
+        by: &SMatrix<f64, 1, C>,
+    ) {
         let mut all = SMatrix::<f64, 6, C>::zeros();
         all.set_row(5, by);
         self.depend_on(offset, &all);

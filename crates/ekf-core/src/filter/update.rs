@@ -107,7 +107,9 @@ impl Filter {
     ) -> Result<bool, EkfError> {
         let mut used = Vec::new();
         if !self.measure_view(together, compensated, &mut used, report, scratch)? {
+            let too_fast = report.too_fast;
             report.reject_all(z);
+            report.too_fast = too_fast;
             return Ok(false);
         }
         self.settle_odometry();
@@ -259,6 +261,7 @@ impl Filter {
         let gauge = carries.then_some(&self.workspace.gauge);
         self.workspace.batch.solve(&self.memory.state, gauge)?;
         if z.max_speed.is_some_and(|most| self.speed_after() > most) {
+            report.too_fast = true;
             return Ok(false);
         }
         if report.dof > 0 {
@@ -299,6 +302,9 @@ impl Filter {
                 record.found += 1;
                 record.last_found = now;
             }
+        }
+        if report.inlier_count() > 0 {
+            self.memory.unused = 0;
         }
         // What Cf alone sees is in use, too.
         let pairs = z.pairs().iter().zip(report.pairs());

@@ -126,6 +126,9 @@ impl PyFilter {
     /// Parameters
     /// ----------
     /// ids : (N,) int64
+    /// alike : bool
+    ///     Whether half of the variance of their depths is common to all: then their number does not tell
+    ///     how large the scene is.
     ///
     /// Returns
     /// -------
@@ -136,9 +139,15 @@ impl PyFilter {
     /// ------
     /// InputError
     ///     For unknown ids, or an id given twice.
-    fn promote_candidates(&self, py: Python<'_>, ids: Argument<'_>) -> PyResult<Column<i64>> {
+    #[pyo3(signature = (ids, *, alike = false))]
+    fn promote_candidates(
+        &self,
+        py: Python<'_>,
+        ids: Argument<'_>,
+        alike: bool,
+    ) -> PyResult<Column<i64>> {
         let ids = self::ids("ids", &ids)?;
-        let born = self.write(py, |f| f.promote_candidates(&ids))?;
+        let born = self.write(py, |f| f.promote_candidates(&ids, alike))?;
         Ok(to_ids(py, born))
     }
 

@@ -91,6 +91,22 @@ impl PyFilter {
         self.read(py, |f| Ok(f.followed_gyro()))
     }
 
+    /// Says how fast the camera usually goes.  Where two frames at least were not used before the present
+    /// one and its speed is known less well than that, it is measured so (METHOD 28).
+    ///
+    /// Parameters
+    /// ----------
+    /// speed, sd : float
+    ///     m/s, and its standard deviation.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     Before the start, and for numbers that are no speed.
+    fn expect_speed(&self, py: Python<'_>, speed: f64, sd: f64) -> PyResult<()> {
+        self.write(py, |f| f.expect_speed(speed, sd))
+    }
+
     /// Whether the gyroscope is followed where it says something; False once it was dropped.  None without
     /// one.
     #[getter]

@@ -149,6 +149,8 @@ pub(super) fn to_worn_pose(py: Python<'_>, found: &WornPose) -> (Table, Table) {
 /// worn_poses : dict of int to (pose, covariance)
 ///     Where the worn cameras were whose views were measured, by their numbers: T_WF (4, 4), metres, and
 ///     its covariance (6, 6) over (translation m, rotation rad), right tangent.
+/// too_fast : bool
+///     Whether it was not used as the camera would have been faster than it may be.
 /// jumped : bool
 ///     Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
 ///     the map.
@@ -168,6 +170,7 @@ pub(crate) struct PyUpdateReport {
     worn_error_covariance: Table,
     worn_error_of_map: Table,
     worn_poses: WornPoses,
+    too_fast: bool,
     jumped: bool,
 }
 
@@ -183,6 +186,7 @@ impl PyUpdateReport {
             views: views.collect::<PyResult<_>>()?,
             rates: Py::new(py, PyMeasurementOutcomes(report.rates))?,
             accepted: report.accepted,
+            too_fast: report.too_fast,
             jumped: report.jumped,
             refused: report.refused.as_ref().map(ToString::to_string),
             nis: report.nis,

@@ -13,6 +13,7 @@ from collabslam.slam.start import Start
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.tracking.depth_input import Depths
 from collabslam.slam.tracking.tracks import TrackingResult
+from collabslam.slam.usual_speed import UsualSpeed
 from collabslam.slam.view import View
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array, Ids
@@ -45,10 +46,14 @@ class MapManager:
         Printed targets that come into view.
     start : Start
         How the map begins.
+    usual : UsualSpeed
+        What the map has its size from where nothing else tells it.
     """
 
-    def __init__(self, core: Filter, settings: Settings, printed: PrintedTargets, start: Start) -> None:
-        self._filter, self._printed, self._start = core, printed, start
+    def __init__(
+        self, core: Filter, settings: Settings, printed: PrintedTargets, start: Start, usual: UsualSpeed
+    ) -> None:
+        self._filter, self._printed, self._start, self._usual = core, printed, start, usual
         self.in_view = settings.filter.map.in_view
         self._reserve = round(self.in_view * settings.filter.map.reserve)
         mode = settings.filter.estimator.mode
@@ -77,7 +82,8 @@ class MapManager:
         deleted = self._filter.manage_map(self._printed.kept())
         instant = instant.with_more(self._printed.births() if self._filter.started else ImagePoints())
         matched = report.bearings.accepted.sum() + len(instant) + len(earlier) + len(measured) + len(delayed)
-        promoted = self._promote_oldest(found, observed.held, self._vague_below - int(matched))
+        alike = self._usual.doubts(view.t)
+        promoted = self._promote_oldest(found, observed.held, self._vague_below - int(matched), alike=alike)
         waiting = np.isin(found.candidates, self._filter.candidates)
         kept = ~np.isin(found.ids, deleted)
         became = np.isin(found.candidates, [*delayed, *promoted])
@@ -114,6 +120,12 @@ class MapManager:
         self._filter.drop_candidates(self._filter.candidates if view.lost else found.lost)
         return MapChange()
 
+    def forget(self, found: TrackingResult, change: MapChange) -> MapChange:
+        """Deletes the features found: what they show is not at rest, or of another size (METHOD 28)."""
+        gone = np.setdiff1d(np.intersect1d(found.ids, self._filter.features), change.deleted)
+        self._filter.remove_features(gone)
+        return replace(change, deleted=np.concatenate([change.deleted, gone]))
+
     def _observe(self, found: TrackingResult, used: Ids) -> _Observed:
         """Candidates that were found, but for those that births with depth use up."""
         rest = ~np.isin(found.candidates, used)
@@ -122,14 +134,15 @@ class MapManager:
         off_arc = report.off_arc[report.off_arc > 0.0]
         return _Observed(_by_candidate(ids, report.born), off_arc, ids[report.held], uv[report.fixed])
 
-    def _promote_oldest(self, found: TrackingResult, held: Ids, count: int) -> dict[int, int]:
+    def _promote_oldest(self, found: TrackingResult, held: Ids, count: int, *, alike: bool) -> dict[int, int]:
         """Where the view runs out of features, candidates that waited longest wait no longer.
 
-        Those that the image has ``held`` in their places may be fixed to the camera.
+        Those that the image has ``held`` in their places may be fixed to the camera.  Depths that are
+        ``alike`` say less of the map's size.
         """
         waiting = np.setdiff1d(np.intersect1d(found.candidates, self._filter.candidates), held)
         ids = waiting[: max(count, 0)]
-        return _by_candidate(ids, self._filter.promote_candidates(ids))
+        return _by_candidate(ids, self._filter.promote_candidates(ids, alike=alike))
 
     def _begin_others(self, view: View, taken: Array) -> tuple[ImagePoints, ImagePoints]:
         """Undelayed features, or else candidates, where the view lacks points besides those ``taken``."""

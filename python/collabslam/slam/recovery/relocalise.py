@@ -155,8 +155,8 @@ class Relocaliser(PersistentState):
     def seen_from_there(self, view: View, found: Recovered) -> Recovered:
         """The landmarks that an image shows from where a few points have put the camera join them.
 
-        Where frames are so far apart that no prediction says where a landmark is, those points would else be all
-        that the camera ever sees of its map.
+        Where frames are so far apart that no prediction says where a landmark is, those points would else be
+        all that the camera ever sees of its map.
         """
         landmarks = self._core.landmarks()
         others = ~np.isin(landmarks.ids, found.seen.ids)

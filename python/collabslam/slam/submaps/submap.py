@@ -147,7 +147,7 @@ def rounded(covariance: Array) -> NDArray[np.float32]:
 
 def in_bytes(descriptors: Descriptors) -> NDArray[np.uint8]:
     """Unit vectors without negative entries, each entry to 1 / 255."""
-    return np.rint(255.0 * descriptors).astype(np.uint8)
+    return np.asarray(np.rint(255.0 * descriptors), np.uint8)
 
 
 def from_bytes(codes: NDArray[np.uint8]) -> Descriptors:

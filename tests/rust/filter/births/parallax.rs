@@ -295,8 +295,14 @@ fn a_promoted_candidate_is_the_undelayed_feature_of_its_first_view() {
         for filter in [&mut patient, &mut eager] {
             filter.predict(warm.t + 0.1).expect("time goes on");
         }
-        assert!(patient.promote_candidates(&[waiting[0], 77]).is_err());
-        let promoted = patient.promote_candidates(&waiting).expect("candidates");
+        assert!(
+            patient
+                .promote_candidates(&[waiting[0], 77], false)
+                .is_err()
+        );
+        let promoted = patient
+            .promote_candidates(&waiting, false)
+            .expect("candidates");
         assert_eq!(patient.candidate_ids().count(), 0);
         let rows = |filter: &Filter, ids: &[Option<u64>]| -> Vec<usize> {
             let own = ids
@@ -322,6 +328,54 @@ fn a_promoted_candidate_is_the_undelayed_feature_of_its_first_view() {
     }
 }
 
+/// However many guesses there are, their mean is known to the share that they have in common.
+#[test]
+fn vague_depths_that_are_alike_tell_little_of_the_scale() {
+    let of_mean = |alike: bool| {
+        let mut warm = warm(26, &[]);
+        warm.update(false);
+        let pixels: Vec<_> = (0..8)
+            .map(|k| Vector2::new(60.0 + 25.0 * f64::from(k), 120.0))
+            .collect();
+        let candidates = warm.filter.add_candidates(&pixels).expect("started");
+        let [some, others] = [&candidates[..3], &candidates[3..]];
+        let mut born = warm
+            .filter
+            .promote_candidates(some, alike)
+            .expect("candidates");
+        warm.next_frame();
+        born.extend(
+            warm.filter
+                .promote_candidates(others, alike)
+                .expect("candidates"),
+        );
+        let state = warm.filter.state();
+        let at: Vec<usize> = born
+            .into_iter()
+            .map(|id| {
+                state
+                    .layout()
+                    .find(id.expect("born"))
+                    .expect("in the state")
+                    .offset
+                    + 5
+            })
+            .collect();
+        let n = at.len() as f64;
+        let p = state.covariance();
+        let sum: f64 = at
+            .iter()
+            .flat_map(|&i| at.iter().map(move |&j| p.get(i, j)))
+            .sum();
+        let own: f64 = at.iter().map(|&i| p.get(i, i)).sum();
+        warm.filter.check().expect("sound");
+        (sum / (n * n)).sqrt() / (own / n).sqrt()
+    };
+    let [alike, apart] = [true, false].map(of_mean);
+    assert!((0.6..0.8).contains(&alike), "{alike}");
+    assert!((0.3..0.4).contains(&apart), "{apart}");
+}
+
 #[test]
 fn a_vague_depth_is_that_of_the_scene_in_any_unit() {
     let mut warm = warm(26, &[]);
@@ -338,7 +392,7 @@ fn a_vague_depth_is_that_of_the_scene_in_any_unit() {
     let median = inverse[inverse.len() / 2];
     let born = warm
         .filter
-        .promote_candidates(&candidates.expect("started"));
+        .promote_candidates(&candidates.expect("started"), false);
     let id = born.expect("a candidate")[0].expect("born");
     let block = *warm.filter.state().layout().find(id).expect("in the state");
     let rho = warm.filter.state().mean()[block.offset + 5];

@@ -15,7 +15,7 @@ fn frame(warm: &mut Warm, k: usize) {
         .collect();
     let ids = warm.filter.add_candidates(&pixels).unwrap();
     if k % 4 == 2 {
-        warm.filter.promote_candidates(&ids[..1]).unwrap();
+        warm.filter.promote_candidates(&ids[..1], false).unwrap();
         warm.filter.drop_candidates(&ids[1..2]);
         let gone = *warm.known.keys().next().unwrap();
         warm.filter.remove_features(&[gone]).unwrap();

@@ -78,16 +78,16 @@ fn sizes() -> Vec<(&'static str, Value)> {
     ]
 }
 
-struct Run {
+pub(super) struct Run {
     scene: Scene,
-    filter: Filter,
+    pub(super) filter: Filter,
     sensor: Sensor,
     known: BTreeMap<u64, usize>,
     frame: u32,
 }
 
 impl Run {
-    fn new(seed: u64, way: Trajectory) -> Self {
+    pub(super) fn new(seed: u64, way: Trajectory) -> Self {
         let mut scene = Scene::new(seed, 60);
         scene.trajectory = way;
         let mut filter = scene.filter(settings(&sizes()));
@@ -101,14 +101,14 @@ impl Run {
         }
     }
 
-    fn predict(&mut self) {
+    pub(super) fn predict(&mut self) {
         let t = DT * f64::from(self.frame);
         self.sensor.give(&mut self.filter, &self.scene, t);
         self.filter.predict(t).expect("increasing time");
         self.frame += 1;
     }
 
-    fn step(&mut self, with_worn: bool) {
+    pub(super) fn step(&mut self, with_worn: bool) {
         self.predict();
         let t = DT * f64::from(self.frame - 1);
         let (z, points) = self.scene.measure(t, &self.known, with_worn);

@@ -3,3 +3,4 @@
 pub(super) mod free_start;
 pub(super) mod metric;
 pub(super) mod parallax;
+pub(super) mod vague;

@@ -1,4 +1,4 @@
-//! Births from the camera alone: candidates that wait for parallax, and undelayed births with a weak prior (METHOD 5).
+//! Births from the camera alone: candidates that wait for parallax, and undelayed births (METHOD 5).
 
 use crate::birth::at_rest::Leaving;
 use crate::birth::held::{Held, held};
@@ -12,28 +12,11 @@ use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
 use crate::observe::shutter::MOTION_DIM;
-use crate::scale::LogRange;
 use crate::settings::FirstPose;
 use nalgebra::{SMatrix, Vector2};
 
 /// Offset of the readout, and derivative of a pixel by it.
 type ByReadout = Option<(usize, Vector2<f64>)>;
-
-/// Inverse depth of a candidate that waits for parallax no longer where the map tells none, 1/m: what has shown none is far.
-const VAGUE_RHO: f64 = 0.1;
-/// Its standard deviation, 1/m.
-const VAGUE_RHO_SD: f64 = 0.2;
-
-/// What the scene says of the depth of a point of which nothing else is known.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct VagueDepth {
-    /// Inverse depth, 1/m.
-    pub(crate) rho: f64,
-    /// Its standard deviation, 1/m.
-    pub(crate) sd: f64,
-    /// The landmark that has twice as much.
-    half_of: Option<u64>,
-}
 
 impl Filter {
     /// Starts candidates at pixels of the present view; returns their ids.
@@ -109,102 +92,6 @@ impl Filter {
             })
             .collect();
         Ok(outcomes)
-    }
-
-    /// Ends the wait of candidates for parallax: each is born undelayed, as a feature of its first view with a weak prior
-    /// on its inverse depth, from that of the scene (METHOD 5). None where that gives no feature; the candidate is gone in
-    /// any case.
-    ///
-    /// # Errors
-    /// `UnknownFeature` for an id that is not a candidate, `InvalidInput` for one given twice; nothing changes then.
-    pub fn promote_candidates(&mut self, ids: &[u64]) -> Result<Vec<Option<u64>>, EkfError> {
-        check_once("candidates", ids.iter().copied(), &mut Vec::new())?;
-        if let Some(&id) = ids
-            .iter()
-            .find(|id| !self.memory.candidates.contains_key(id))
-        {
-            return Err(EkfError::UnknownFeature { id });
-        }
-        if ids.is_empty() {
-            return Ok(Vec::new());
-        }
-        let vague = self.vague_depth();
-        self.changes();
-        if let (Some(outside), Some(median)) = (&mut self.memory.outside, vague.half_of) {
-            outside.enter(&mut self.memory.state, |id| id == median);
-        }
-        let sigma = self.setup.settings.pixel.sigma_cs;
-        let median = self.median_range(&vague);
-        let mut born = Vec::with_capacity(ids.len());
-        let mut view = None;
-        for id in ids {
-            let candidate = self.memory.candidates.remove(id);
-            let clone = candidate.as_ref().and_then(|c| match c.first {
-                FirstView::Clone(block) => Some(block),
-                FirstView::Remembered(..) => None,
-            });
-            // Only features of one view share an anchor.
-            if clone.is_none() || clone != view {
-                self.memory.state.camera_moved();
-            }
-            view = clone;
-            born.push(candidate.and_then(|candidate| {
-                let (first, covariance) = self.first_pose(&candidate)?;
-                let (uv, by_readout) = self.first_pixel(&candidate, vague.rho);
-                let (camera, (rho, sd)) = (&self.setup.camera, (vague.rho, vague.sd));
-                let mut new = NewFeature::with_prior_depth(camera, &first, &uv, sigma, rho, sd)?;
-                new.seen_from_first_pose(covariance);
-                if let Some((offset, range)) = &median {
-                    new.keep_ratio(*offset, range);
-                }
-                let by_pixel = new.by_pixel;
-                new.share_readout(&by_pixel, by_readout);
-                self.append_feature(&new).map(|block| block.id)
-            }));
-        }
-        self.memory.state.camera_moved();
-        Ok(born)
-    }
-
-    /// What is known of the depth of a point of which nothing is known but the scene that it is in: half the median inverse
-    /// range of the landmarks of known depth, as seen from the camera, and as much. So anything from
-    /// infinity to that median is within one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
-    pub(crate) fn vague_depth(&self) -> VagueDepth {
-        match self.median_landmark() {
-            Some((median, id)) => VagueDepth {
-                rho: 0.5 * median,
-                sd: 0.5 * median,
-                half_of: Some(id),
-            },
-            None => VagueDepth {
-                rho: VAGUE_RHO,
-                sd: VAGUE_RHO_SD,
-                half_of: None,
-            },
-        }
-    }
-
-    /// The landmark of known depth with the median inverse range from the camera, and that, 1/m; `None` where too few are known.
-    pub(crate) fn median_landmark(&self) -> Option<(f64, u64)> {
-        let largest = self.setup.settings.birth.max_rho_ratio;
-        let camera = self.memory.state.camera_pose().r;
-        let known = self.landmarks().into_iter();
-        let known = known.filter(|landmark| landmark.rho_ratio < largest);
-        let known = known.map(|l| (1.0 / (l.point - camera).norm(), l.id));
-        let mut known: Vec<(f64, u64)> = known.filter(|(rho, _)| rho.is_finite()).collect();
-        if known.len() < self.setup.settings.lost.min_matches {
-            return None;
-        }
-        known.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        Some(known[known.len() / 2])
-    }
-
-    /// The landmark that a vague depth is taken from: its offset in the state, and the derivatives of its range.
-    fn median_range(&self, vague: &VagueDepth) -> Option<(usize, LogRange)> {
-        let block = self.memory.feature_block(vague.half_of?).ok()?;
-        let camera = self.memory.state.camera_pose().r;
-        let range = LogRange::of(&camera, &self.memory.state.feature(&block))?;
-        Some((block.offset, range))
     }
 
     fn try_delayed_birth(&mut self, id: u64, seen: &Vector2<f64>) -> CandidateOutcome {
@@ -330,7 +217,7 @@ impl Filter {
 
     /// A candidate's first pixel without the shutter's rolling. It depends on the readout alone: the ways that its point's range
     /// and the velocity of then tell of are of one scale, whatever that is.
-    fn first_pixel(&self, candidate: &Candidate, rho: f64) -> (Vector2<f64>, ByReadout) {
+    pub(super) fn first_pixel(&self, candidate: &Candidate, rho: f64) -> (Vector2<f64>, ByReadout) {
         let Some(shutter) = self.shutter() else {
             return (candidate.uv, None);
         };
@@ -339,7 +226,7 @@ impl Filter {
     }
 
     /// Pose of a candidate's first view, and where its uncertainty comes from; None without its clone.
-    fn first_pose<'a>(
+    pub(super) fn first_pose<'a>(
         &self,
         candidate: &'a Candidate,
     ) -> Option<(CameraPose, FirstPoseCovariance<'a>)> {

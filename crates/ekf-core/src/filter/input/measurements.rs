@@ -177,6 +177,8 @@ pub struct UpdateReport {
     /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted, and
     /// [`Measurements::max_speed`] was kept.
     pub accepted: bool,
+    /// Whether it was not as the camera would have been faster than [`Measurements::max_speed`].
+    pub too_fast: bool,
     /// Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of the map.
     pub jumped: bool,
 }

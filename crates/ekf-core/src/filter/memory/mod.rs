@@ -10,6 +10,7 @@ pub(super) mod undo;
 pub(super) mod wheels;
 
 use crate::error::EkfError;
+use crate::filter::births::vague::Guess;
 use crate::imu::Imu;
 use crate::local::OutsideSet;
 use crate::map_frame::MapFrame;
@@ -57,6 +58,10 @@ pub(crate) struct Memory {
     pub(crate) followed: Followed,
     /// Largest change that the last update made to a number of the camera's pose.
     pub(crate) moved_by: f64,
+    /// Frames predicted since the last one that was used.
+    pub(crate) unused: u32,
+    /// Features born with a vague depth of late.
+    pub(crate) guesses: Vec<Guess>,
     /// How well the logarithm of the lengths of worn cameras' T_CF is known that have been doubted, standard deviations.
     pub(crate) length_sds: BTreeMap<usize, f64>,
 }
@@ -92,6 +97,8 @@ impl Memory {
             imu,
             followed,
             moved_by,
+            unused,
+            guesses,
             length_sds,
         } = other;
         self.state.copy_from(state);
@@ -110,6 +117,8 @@ impl Memory {
         self.imu.clone_from(imu);
         self.followed.clone_from(followed);
         self.moved_by = *moved_by;
+        self.unused = *unused;
+        self.guesses.clone_from(guesses);
         self.length_sds.clone_from(length_sds);
     }
 

@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 const MAGIC: &[u8; 8] = b"CSLAMEKF";
 
 /// Counts the changes of what a body holds.
-pub const VERSION: u32 = 24;
+pub const VERSION: u32 = 25;
 
 const HEAD: usize = MAGIC.len() + 4 + 8;
 

@@ -7,4 +7,5 @@ pub(super) mod odometry;
 pub(super) mod prediction;
 pub(super) mod shutter;
 pub(super) mod turning;
+mod unseen;
 pub(super) mod visibility;

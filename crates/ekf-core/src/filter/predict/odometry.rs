@@ -114,8 +114,9 @@ impl Filter {
     /// where neither tells anything.
     pub(super) fn told_motion(&self, last: f64, t: f64, longest: f64) -> Option<Told> {
         let before: CameraMatrix = self.memory.state.p.block(0, 0);
+        let process = self.motion_model();
         let mut told = Telling {
-            process: &self.setup.settings.process,
+            process: &process,
             scale: self.odometry_scale().map_or(Vector2::zeros(), |(s, _)| s),
             before: &before,
             gyro: self.sensor(),

@@ -66,6 +66,7 @@ impl Filter {
         } else {
             self.setup.settings.worn.late
         };
+        self.memory.unused = self.memory.unused.saturating_add(1);
         self.memory.odometry.forget_until(t - 2.0 * late);
         let stamp = t - 2.0 * late - self.gyro_clock_margin();
         if let Some(imu) = &mut self.memory.imu {
