@@ -3,18 +3,19 @@
 use crate::birth::new_feature::NewFeature;
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
-use crate::filter::map::submap::MAX_RANGE_RATIO;
 use crate::filter::memory::candidate::FirstView;
+use crate::filter::memory::guess::Guess;
 use crate::guard::check_once;
 use crate::scale::LogRange;
 use nalgebra::SMatrix;
-use serde::{Deserialize, Serialize};
 
 /// Inverse depth of a candidate that waits for parallax no longer where the map tells none, 1/m: what has shown none is far.
 const VAGUE_RHO: f64 = 0.1;
 /// Its standard deviation, 1/m.
 const VAGUE_RHO_SD: f64 = 0.2;
 
+/// Share of its first standard deviation above which a guess is still one.
+const VAGUE: f64 = 0.3;
 /// Share of a guess that those of other points that come into view at that time have in common: half of the variance.
 const ALIKE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
@@ -27,14 +28,6 @@ pub(crate) struct VagueDepth {
     pub(crate) sd: f64,
     /// The landmark that has twice as much.
     half_of: Option<u64>,
-}
-
-/// A feature whose depth was a guess when it was born.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Guess {
-    id: u64,
-    rho: f64,
-    sd: f64,
 }
 
 /// A vague depth given another one: it depends on the feature at `offset`, and what it has alone is `sd`.
@@ -122,7 +115,7 @@ impl Filter {
         self.memory.guesses.retain(|guess| {
             state.layout.find(guess.id).is_some_and(|block| {
                 let (_, own) = state.feature_covariance(block);
-                own[(5, 5)].max(0.0).sqrt() > MAX_RANGE_RATIO * guess.sd
+                own[(5, 5)].max(0.0).sqrt() > VAGUE * guess.sd
             })
         });
     }

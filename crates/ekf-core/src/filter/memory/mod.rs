@@ -2,6 +2,7 @@
 
 pub(super) mod candidate;
 pub(super) mod followed;
+pub(super) mod guess;
 pub(super) mod last_view;
 pub(super) mod map_transfer;
 pub(super) mod pose_ring;
@@ -10,7 +11,6 @@ pub(super) mod undo;
 pub(super) mod wheels;
 
 use crate::error::EkfError;
-use crate::filter::births::vague::Guess;
 use crate::imu::Imu;
 use crate::local::OutsideSet;
 use crate::map_frame::MapFrame;
@@ -20,6 +20,7 @@ use crate::odometry::Odometry;
 use crate::state::{Block, BlockKind, LinearPart, Mark, State};
 use candidate::Candidate;
 use followed::Followed;
+use guess::Guess;
 use last_view::LastView;
 use map_transfer::MapTransfer;
 use nalgebra::{DMatrix, SMatrix, SVector};
