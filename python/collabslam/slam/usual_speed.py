@@ -24,6 +24,8 @@ _LAST, _LEAST = 300, 50
 """Frames that tell the usual speed: the last ones, and how many there must be."""
 _BAND, _WIDER = (0.2, 0.8), 1.15
 """Quantiles of the speeds between which one is usual, and by how much more it may be off."""
+_STEADY = 0.7
+"""Least of the slower of them over the faster of a camera that goes at one speed."""
 _SDS = 1.68
 """Between those quantiles, of a normal distribution."""
 _LEAST_SD = 0.1
@@ -62,17 +64,23 @@ class UsualSpeed(PersistentState):
     def doubts(self, t: float) -> bool:
         """Whether a map that grows at ``t`` has its size from the speed alone.
 
-        After frames that a camera did not use, whose turn a gyroscope tells.
+        After frames that a camera did not use, whose turn a gyroscope tells, and which went as usual before.
         """
         refused = self._refused is not None and t - self._refused <= _AFTER
-        return refused and len(self._speeds) >= _LEAST and self._filter.follows_gyro is True
+        return refused and self._filter.follows_gyro is True
+
+    def _went_as_usual(self) -> bool:
+        """Whether the camera goes at one speed, and does so now: one that was at rest may start."""
+        if len(self._speeds) < _LEAST:
+            return False
+        low, high = np.quantile(self._speeds, _BAND)
+        return bool(low >= _STEADY * high and self.is_usual(self._speed()))
 
     def expect(self, t: float) -> None:
         """Tells the filter, which has predicted a frame at ``t``, how fast the camera goes unseen."""
         if self.doubts(t):
             low, speed, high = np.quantile(self._speeds, [_BAND[0], 0.5, _BAND[1]]).tolist()
-            if speed > 0.0:
-                self._filter.expect_speed(speed, max((high - low) / _SDS, _LEAST_SD * speed))
+            self._filter.expect_speed(speed, max((high - low) / _SDS, _LEAST_SD * speed))
 
     def is_usual(self, speed: float) -> bool | None:
         """Whether the camera goes at a ``speed`` (m/s) as it mostly does; None where that is not known."""
@@ -98,8 +106,10 @@ class UsualSpeed(PersistentState):
         bounded = self.most(t) is not None
         if lost:
             self._refused = None
-        elif not accepted:
+        elif not accepted and (self.doubts(t) or self._went_as_usual()):
             self._refused = t
         if trusted and not bounded:
-            speed = float(np.linalg.norm(self._filter.velocity))
-            self._speeds = np.append(self._speeds, speed)[-_LAST:]
+            self._speeds = np.append(self._speeds, self._speed())[-_LAST:]
+
+    def _speed(self) -> float:
+        return float(np.linalg.norm(self._filter.velocity))

@@ -122,7 +122,8 @@ class MapManager:
 
     def forget(self, found: TrackingResult, change: MapChange) -> MapChange:
         """Deletes the features found: what they show is not at rest, or of another size (METHOD 28)."""
-        gone = np.setdiff1d(np.intersect1d(found.ids, self._filter.features), change.deleted)
+        there = np.intersect1d(found.ids, self._filter.features)
+        gone = np.setdiff1d(there, [*change.deleted, *self._printed.kept()])
         self._filter.remove_features(gone)
         return replace(change, deleted=np.concatenate([change.deleted, gone]))
 
