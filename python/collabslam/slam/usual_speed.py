@@ -67,19 +67,21 @@ class UsualSpeed(PersistentState):
         After frames that a camera did not use, whose turn a gyroscope tells, and which went as usual before.
         """
         refused = self._refused is not None and t - self._refused <= _AFTER
-        return refused and self._filter.follows_gyro is True
+        return refused and len(self._speeds) >= _LEAST and self._filter.follows_gyro is True
 
     def _went_as_usual(self) -> bool:
         """Whether the camera goes at one speed, and does so now: one that was at rest may start."""
         if len(self._speeds) < _LEAST:
             return False
         low, high = np.quantile(self._speeds, _BAND)
-        return bool(low >= _STEADY * high and self.is_usual(self._speed()))
+        return bool(low >= _STEADY * high > 0.0 and self.is_usual(self._speed()))
 
     def expect(self, t: float) -> None:
         """Tells the filter, which has predicted a frame at ``t``, how fast the camera goes unseen."""
-        if self.doubts(t):
+        if self._filter.started and self.doubts(t):
             low, speed, high = np.quantile(self._speeds, [_BAND[0], 0.5, _BAND[1]]).tolist()
+            if speed <= 0.0:  # of a checkpoint of somebody else's
+                return
             self._filter.expect_speed(speed, max((high - low) / _SDS, _LEAST_SD * speed))
 
     def is_usual(self, speed: float) -> bool | None:

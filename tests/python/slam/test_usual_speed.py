@@ -67,6 +67,7 @@ def test_what_is_seen_while_it_is_bounded_tells_no_usual_speed() -> None:
 def test_after_it_saw_nothing_the_filter_is_told_how_fast_it_goes(spread: float, sd: float) -> None:
     told: list[tuple[float, float]] = []
     core = SimpleNamespace(
+        started=True,
         followed_gyro=True,
         follows_gyro=True,
         velocity=np.zeros(3),
