@@ -73,13 +73,13 @@ class UsualSpeed(PersistentState):
         """Whether the camera goes at one speed, and does so now: one that was at rest may start."""
         if len(self._speeds) < _LEAST:
             return False
-        low, high = np.quantile(self._speeds, _BAND)
+        low, _, high = self._usual()
         return bool(low >= _STEADY * high > 0.0 and self.is_usual(self._speed()))
 
     def expect(self, t: float) -> None:
         """Tells the filter, which has predicted a frame at ``t``, how fast the camera goes unseen."""
         if self._filter.started and self.doubts(t):
-            low, speed, high = np.quantile(self._speeds, [_BAND[0], 0.5, _BAND[1]]).tolist()
+            low, speed, high = self._usual()
             if speed <= 0.0:  # of a checkpoint of somebody else's
                 return
             self._filter.expect_speed(speed, max((high - low) / _SDS, _LEAST_SD * speed))
@@ -88,7 +88,7 @@ class UsualSpeed(PersistentState):
         """Whether the camera goes at a ``speed`` (m/s) as it mostly does; None where that is not known."""
         if len(self._speeds) < _LEAST:
             return None
-        low, high = np.quantile(self._speeds, _BAND)
+        low, _, high = self._usual()
         return bool(low / _WIDER <= speed <= high * _WIDER)
 
     def take(self, t: float, *, accepted: bool, lost: bool, trusted: bool) -> None:
@@ -112,6 +112,11 @@ class UsualSpeed(PersistentState):
             self._refused = t
         if trusted and not bounded:
             self._speeds = np.append(self._speeds, self._speed())[-_LAST:]
+
+    def _usual(self) -> tuple[float, float, float]:
+        """Where the usual speeds begin, their median, and where they end, m/s."""
+        low, median, high = np.quantile(self._speeds, [_BAND[0], 0.5, _BAND[1]]).tolist()
+        return low, median, high
 
     def _speed(self) -> float:
         return float(np.linalg.norm(self._filter.velocity))

@@ -107,9 +107,7 @@ impl Filter {
     ) -> Result<bool, EkfError> {
         let mut used = Vec::new();
         if !self.measure_view(together, compensated, &mut used, report, scratch)? {
-            let too_fast = report.too_fast;
             report.reject_all(z);
-            report.too_fast = too_fast;
             return Ok(false);
         }
         self.settle_odometry();

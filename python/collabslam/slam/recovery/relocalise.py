@@ -158,13 +158,12 @@ class Relocaliser(PersistentState):
         Where frames are so far apart that no prediction says where a landmark is, those points would else be
         all that the camera ever sees of its map.
         """
-        landmarks = self._core.landmarks()
-        others = ~np.isin(landmarks.ids, found.seen.ids)
-        use = np.flatnonzero((landmarks.rho_ratio < MAX_RANGE_RATIO) & others)
-        if len(use) < MIN_PATCHES:
+        ids, points = self._recognisable()
+        others = ~np.isin(ids, found.seen.ids)
+        ids, points = ids[others], points[others]
+        if len(ids) < MIN_PATCHES:
             return found
-        ids = landmarks.ids[use]
-        views = MapViews.of(landmarks.points[use], self.views(ids))
+        views = MapViews.of(points, self.views(ids))
         fix = confirmed(view.image, self._camera, self._core.pose, views, self._options, view.hidden)
         if fix is None:
             return found
@@ -173,11 +172,15 @@ class Relocaliser(PersistentState):
         more = ImagePoints(at[bearings.accepted], fix.uv[bearings.accepted])
         return replace(found, seen=found.seen.with_more(more))
 
-    def _in_use(self, view: View, rolls: tuple[float, ...]) -> Recovered | None:
+    def _recognisable(self) -> tuple[Ids, Array]:
+        """The landmarks of the map in use whose range is known, and their points in W."""
         landmarks = self._core.landmarks()
-        use = np.flatnonzero(landmarks.rho_ratio < MAX_RANGE_RATIO)
-        ids = landmarks.ids[use]
-        fix = self._locate(view, landmarks.points[use], self.views(ids), rolls)
+        known = landmarks.rho_ratio < MAX_RANGE_RATIO
+        return landmarks.ids[known], landmarks.points[known]
+
+    def _in_use(self, view: View, rolls: tuple[float, ...]) -> Recovered | None:
+        ids, points = self._recognisable()
+        fix = self._locate(view, points, self.views(ids), rolls)
         if fix is None:
             return None
         report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv, predicted=self._was_predicted())

@@ -193,7 +193,10 @@ fn a_body_that_makes_no_filter_is_refused_or_one_that_works() {
             z.bearings.push(ekf_core::Bearing { id: f.id, uv: f.uv });
         }
         let _ = filter.update(&z);
-        let _ = filter.add_candidates(&[Vector2::new(100.0, 100.0)]);
+        let pixels = [100.0, 140.0, 180.0].map(|u| Vector2::new(u, 100.0));
+        if let Ok(candidates) = filter.add_candidates(&pixels) {
+            let _ = filter.promote_candidates(&candidates, true);
+        }
         filter.manage_map(&[]);
         filter.landmarks();
     }

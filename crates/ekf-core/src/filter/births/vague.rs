@@ -111,22 +111,23 @@ impl Filter {
 
     /// Forgets guesses whose features are gone, or have a known depth by now.
     fn forget_guesses(&mut self) {
-        let state = &self.memory.state;
-        self.memory.guesses.retain(|guess| {
-            state.layout.find(guess.id).is_some_and(|block| {
-                let (_, own) = state.feature_covariance(block);
+        let mut guesses = std::mem::take(&mut self.memory.guesses);
+        guesses.retain(|guess| {
+            self.memory.feature_block(guess.id).is_ok_and(|block| {
+                let (_, own) = self.memory.state.feature_covariance(&block);
                 own[(5, 5)].max(0.0).sqrt() > VAGUE * guess.sd
             })
         });
+        self.memory.guesses = guesses;
     }
 
     /// What a vague depth has in common with the first of those that are there.
     fn guess_in_common(&self, vague: &VagueDepth) -> Option<CommonGuess> {
-        let state = &self.memory.state;
         let guess = self.memory.guesses.first()?;
-        let block = state.layout.find(guess.id)?;
+        let block = self.memory.feature_block(guess.id).ok()?;
         // Nothing is farther than infinity.
-        let off = ((state.feature(block).scale() - guess.rho) / guess.sd).max(-1.0);
+        let rho = self.memory.state.feature(&block).scale();
+        let off = ((rho - guess.rho) / guess.sd).max(-1.0);
         let mut by = SMatrix::zeros();
         by[5] = ALIKE * vague.sd / guess.sd;
         Some(CommonGuess {

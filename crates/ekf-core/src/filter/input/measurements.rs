@@ -248,7 +248,9 @@ impl UpdateReport {
 
     /// Reports a frame of which nothing was used.
     pub(crate) fn reject_all(&mut self, z: &Measurements) {
+        let too_fast = self.too_fast;
         self.start(z);
+        self.too_fast = too_fast;
         self.bearings.fill(MeasurementOutcome::RejectedBatch);
         self.depths.fill(MeasurementOutcome::Unused);
         self.accepted = false;

@@ -135,6 +135,10 @@ fn check(memory: &Memory, setup: &Setup) -> Result<(), EkfError> {
     if !memory.followed.is_sane(layout.next_id()) {
         return bad("the features that it follows are impossible");
     }
+    let mut guesses = memory.guesses.iter();
+    if !guesses.all(|guess| guess.is_sane(layout.next_id())) {
+        return bad("its guesses of depth are impossible");
+    }
     let mut doubted = memory.length_sds.values();
     if !doubted.all(|sd| (0.0..=1.0).contains(sd)) {
         return Err(EkfError::bad_snapshot(
