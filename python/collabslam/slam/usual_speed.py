@@ -77,8 +77,11 @@ class UsualSpeed(PersistentState):
         return bool(low >= _STEADY * high > 0.0 and self.is_usual(self._speed()))
 
     def expect(self, t: float) -> None:
-        """Tells the filter, which has predicted a frame at ``t``, how fast the camera goes unseen."""
-        if self._filter.started and self.doubts(t):
+        """Tells the filter, which has predicted a frame at ``t``, how fast the camera goes unseen.
+
+        Not in a gap of the gyroscope, where it may have turned.
+        """
+        if self._filter.started and self._filter.followed_gyro and self.doubts(t):
             low, speed, high = self._usual()
             if speed <= 0.0:  # of a checkpoint of somebody else's
                 return

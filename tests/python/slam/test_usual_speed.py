@@ -85,6 +85,9 @@ def test_after_it_saw_nothing_the_filter_is_told_how_fast_it_goes(spread: float,
     assert not speed.doubts(5.1)
     speed.expect(0.1)
     assert told[0] == pytest.approx((1.0, sd))
+    core.followed_gyro = False  # a gap
+    speed.expect(0.2)
+    assert len(told) == 1
     core.follows_gyro = False
     assert not speed.doubts(0.1)
 
