@@ -59,7 +59,7 @@ def test_pages_go_red_when_the_robot_is_killed(tmp_path: Path) -> None:
                 for name, page in pages.items():
                     assert page.until("document.getElementById('view').naturalWidth > 0", SOON)
                     assert page.until("document.getElementById('facts').rows.length > 1", SOON)
-                    assert not page.value("document.body.classList.contains('silent')")
+                    assert page.until("!document.body.classList.contains('silent')", SOON)
                     page.screenshot(SHOTS / f"{name}-before.png")
                 robot.kill()
                 for name, page in pages.items():

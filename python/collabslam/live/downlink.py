@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import cv2
@@ -80,6 +82,24 @@ class Downlink:
             state = Status.NOT_STARTED.value
             told = {"waits_for": what, "link": MONO}
             self._out[names.STATUS].put(messages.status(now(), {"robot": (state, state, told)}))
+
+    @contextlib.contextmanager
+    def waiting(self, now: Callable[[], float], what: str) -> Iterator[None]:
+        """Tells who watches, until the block ends, what is waited for in it; no frame may be worked on."""
+        over = threading.Event()
+
+        def tell() -> None:
+            while not over.is_set():
+                self.waits(now, what)
+                over.wait(STATUS_EVERY)
+
+        teller = threading.Thread(target=tell, name="waiting", daemon=True)
+        teller.start()
+        try:
+            yield
+        finally:
+            over.set()
+            teller.join()
 
     def _place(self, pose: LivePose) -> None:
         """Where the worn cameras were whose views were measured."""

@@ -103,7 +103,7 @@ class RobotNode:
         sensors = options.sensors
         self.uplink = Uplink(
             self._push,
-            lambda: camera.clock.now(),
+            self._now,
             unposed=bool(options.targets) and sensors is None,
             sensors=None if sensors is None else sensors.config,
             devices=options.devices,
@@ -127,7 +127,7 @@ class RobotNode:
             folder = _folder(options, stack)
             heard = link.subscriber(self._zenoh, names.ALL_WORN, self.uplink.take)
             stack.callback(heard.undeclare)
-            waits = partial(self._downlink.waits, lambda: self._camera.clock.now())
+            waits = partial(self._downlink.waits, self._now)
             worn = worn_calibrations(options, self._camera, self.uplink, waits)
             self.uplink.use(worn)
             pictures = Pictures(worn, self.uplink.give, self.uplink.drop)
@@ -149,16 +149,15 @@ class RobotNode:
             stack.callback(recorder.close)
             if options.sensors is not None and self.uplink.sensing is not None:
                 self._camera.hear(options.sensors.only("robot"), self.uplink.sensing)
-            pictures.wait()
-            self.uplink.pictures = pictures
-            self._camera.begin()
+            with self._downlink.waiting(self._now, "its own start"):
+                pictures.wait()
+                self.uplink.pictures = pictures
+                self._camera.begin()
             live = LiveSlam(
                 slam,
                 targets=options.targets,
                 on_pose=lambda pose: self._done(pose, slam, results),
-                on_event=lambda event: self._keep(
-                    "record", lambda: recorder.write(event, self._camera.clock.now())
-                ),
+                on_event=lambda event: self._keep("record", lambda: recorder.write(event, self._now())),
             )
             self._live = live
             self._camera.drive(live.push_odometry)
@@ -183,6 +182,9 @@ class RobotNode:
             raise error
         return {**results.facts, **facts}
 
+    def _now(self) -> float:
+        return self._camera.clock.now()
+
     def _drive(self, live: LiveSlam) -> tuple[CollabslamError | None, bool]:
         """Images until there are no more; what ended them, and whether that was Ctrl-C."""
         error, interrupted = None, False
@@ -205,8 +207,8 @@ class RobotNode:
 
     def _tell_time(self, query: Any) -> None:
         """Answers a device that asks for the robot's time."""
-        received = self._camera.clock.now()
-        query.reply(names.CLOCK, messages.times("robot", [received, self._camera.clock.now()]))
+        received = self._now()
+        query.reply(names.CLOCK, messages.times("robot", [received, self._now()]))
 
     def _done(self, pose: LivePose, slam: Slam, results: LiveResults) -> None:
         """A frame is done: publish first, then write."""

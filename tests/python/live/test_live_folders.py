@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import socket
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,15 @@ from helpers.clip import Clip
 pytest.importorskip("zenoh", reason="the extra live is not installed")
 
 from helpers.in_step import InStep
+from helpers.waiting import until
 
 from collabslam import Camera, DataError, Settings, Slam
 from collabslam.cli.drawn import draw
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.live import link
-from collabslam.live.downlink import Downlink
+from collabslam.live.downlink import STATUS_EVERY, Downlink
 from collabslam.live.link import Address
+from collabslam.live.pictures import Pictures
 from collabslam.live.record import EventWriter
 from collabslam.live.results import ENGINE, LiveResults, written_frames
 from collabslam.live.robot import RobotNode, RobotOptions, check_cameras
@@ -157,6 +160,22 @@ def test_a_full_disk_does_not_take_the_pose(clip: Clip, tmp_path: Path, what: st
     assert told == [f.t for f in clip.frames[:FRAMES]]
     if what != "finish":
         assert "not written" in (tmp_path / "out" / "summary.json").read_text()
+
+
+def test_a_robot_whose_workers_are_slow_to_come_up_is_not_silent(clip: Clip, tmp_path: Path) -> None:
+    told: list[str] = []
+
+    def slow(_: Pictures) -> None:
+        assert until(lambda: len(told) >= 3)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Pictures, "wait", slow)
+        patch.setattr(Downlink, "waits", lambda _, now, what: told.append(what))
+        drive(Alone(clip), tmp_path / "out")
+        before = len(told)
+        time.sleep(2 * STATUS_EVERY)
+    assert set(told) == {"its own start"}
+    assert len(told) == before  # the frames' own status comes after it
 
 
 def test_an_earlier_runs_checkpoint_does_not_outlive_it(driven: Path, tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ function tell(said) {
 setInterval(() => {
   if (problem) { say(problem, false); return; }
   if (isSilent(true) || lost) return;
-  if (!started && waits) say(`The camera is off. The robot waits for ${waits}: start the camera.`, true);
+  if (!started && waits) say(`The camera is off: start it. The robot waits for ${waits}.`, true);
   else if (!started) say("The camera is off. Below is what the robot sees.", true);
   else if (own) say(own.text, own.good);
   else say("Sending; the robot has not said yet what becomes of your images.", false);
