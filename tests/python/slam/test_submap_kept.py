@@ -48,6 +48,8 @@ def test_it_is_read_as_it_was_told(told: tuple[Any, list[Patch]], submap: Submap
     assert len(submap.ids) > 25
     np.testing.assert_array_equal(made.covariance, made.covariance.T)
     np.testing.assert_allclose(submap.covariance, made.covariance, rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(submap.with_transferred, made.with_transferred, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(submap.transferred, made.transferred, rtol=1e-5)
     np.testing.assert_array_equal(submap.points, made.points)
     for kept, patch in zip(submap.patches, patches, strict=True):
         for name in ("pixels", "uv_ref", "t_wc", "inside"):
@@ -55,8 +57,9 @@ def test_it_is_read_as_it_was_told(told: tuple[Any, list[Patch]], submap: Submap
 
 
 def test_it_is_small_and_keeps_nothing_else_alive(submap: Submap) -> None:
-    n = len(submap.ids)
-    of_landmarks = 4 * (3 * n * (3 * n + 1) // 2) + n * (43 * 43 + 128 + 8 * (1 + 3 + 3 * 7 + 2 + 4) + 1)
+    n, k = len(submap.ids), len(submap.transferred)
+    of_covariance = 4 * (3 * n * (3 * n + 1) // 2 + 3 * n * k)
+    of_landmarks = of_covariance + n * (43 * 43 + 128 + 8 * (1 + 3 + 2 + 4) + 1)
     assert sum(value.nbytes for value in arrays(submap).values()) < of_landmarks + 1000
     assert submap.windows.base is submap.triangle.base is None
     nothing = replace(submap, codes=np.ones((n, 128), np.uint8)).without_landmarks()
@@ -92,9 +95,11 @@ def test_a_covariance_in_single_precision_is_never_smaller(known: float) -> None
     sd = np.geomspace(1.0, known, 120)
     told = (axes * sd**2) @ axes.T
     told = 0.5 * (told + told.T)
-    kept = mirrored(rounded(told))
-    assert np.linalg.eigvalsh(kept - told).min() > 0.0
-    np.testing.assert_allclose(np.diag(kept), np.diag(told), rtol=1e-5)
+    for n in (120, 107, 0):
+        triangle, with_others, others = rounded(told[:n, :n], told[:n, n:], told[n:, n:])
+        kept = np.block([[mirrored(triangle), with_others], [with_others.T, others]])
+        assert np.linalg.eigvalsh(kept - told).min() > 0.0
+        np.testing.assert_allclose(np.diag(kept), np.diag(told), rtol=2e-5)
 
 
 def test_descriptors_in_bytes() -> None:

@@ -24,7 +24,7 @@ from collabslam.slam.submaps.submap import Submap
 from collabslam.slam.targets.in_map import check_targets
 from collabslam.types import Array, Ids
 
-KIND, VERSION = "map", 8
+KIND, VERSION = "map", 9
 CLASSES = (Loop, Patch, Submap)
 """Dataclasses that are in it."""
 CONTENT = fields(

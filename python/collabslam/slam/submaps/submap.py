@@ -1,8 +1,8 @@
 """A submap as it is kept: landmarks, what is known of them, and how they look, in few arrays (METHOD 25).
 
-A robot keeps a thousand of them.  Of a symmetric covariance the lower triangle is kept, in single precision,
-descriptors are kept in bytes, and of the views their windows in one array: what they are read as is made anew
-each time that it is asked for.
+A robot keeps a thousand of them.  Of a symmetric covariance the lower triangle is kept, covariances are in
+single precision, descriptors in bytes, and of the views the windows are in one array: what they are read as
+is made anew each time that it is asked for.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ class Submap:
         Metres, in the frame of the camera.
     triangle : (3 N (3 N + 1) / 2,) float32
         Lower triangle of `covariance`, row by row; see `rounded`.
-    with_transferred, transferred : (3 N, K), (K, K) float64
-        See `_core.Submap`; runs with different numbers of worn cameras differ in K.
+    with_transferred, transferred : (3 N, K) float32, (K, K) float64
+        See `_core.Submap`; runs with different numbers of worn cameras differ in K.  With the covariance they
+        make one that is at least what the filter told, see `rounded`.
     windows : (N, h, h) uint8
     uv_ref : (N, 2) float64
     inside : (N, 4) float64
@@ -57,7 +58,7 @@ class Submap:
     ids: Ids
     points: Array
     triangle: NDArray[np.float32]
-    with_transferred: Array
+    with_transferred: NDArray[np.float32]
     transferred: Array
     windows: NDArray[np.uint8]
     uv_ref: Array
@@ -68,15 +69,18 @@ class Submap:
     @classmethod
     def taken_down(cls, t: float, made: _core.Submap, patches: Sequence[Patch]) -> Submap:
         """Of what the filter told, with a view of each landmark from where it ended; not described yet."""
+        triangle, with_transferred, transferred = rounded(
+            made.covariance, made.with_transferred, made.transferred
+        )
         return cls(
             t,
             made.pose,
             made.pose_covariance,
             made.ids,
             made.points,
-            rounded(made.covariance),
-            made.with_transferred,
-            made.transferred,
+            triangle,
+            with_transferred,
+            transferred,
             *_in_arrays(patches),
             np.empty((0, 128), np.uint8),
             np.zeros(len(made.ids), dtype=bool),
@@ -132,17 +136,30 @@ def lower_triangle(matrix: Array) -> NDArray[np.float32]:
     return matrix[np.tril_indices(len(matrix))].astype(np.float32)
 
 
-def rounded(covariance: Array) -> NDArray[np.float32]:
-    """The `lower_triangle` of a covariance (N, N) that is at least that.
+def rounded(
+    covariance: Array, with_others: Array, others: Array
+) -> tuple[NDArray[np.float32], NDArray[np.float32], Array]:
+    """A joint covariance (N + K, N + K) that is at least the one given, less exactly.
 
     Rounding changes an entry by a share ``e = 2^-24`` of itself at most, and no entry is larger than the root
-    of the variances of its row and column: N + 2 such shares of each variance, added to it, outweigh all that
-    rounding does, that of the sum too.
+    of the variances of its row and column: N + K + 2 such shares of each variance, added to it, outweigh all
+    that rounding does, that of the sum too.
+
+    Parameters
+    ----------
+    covariance, with_others, others : (N, N), (N, K), (K, K) float64
+
+    Returns
+    -------
+    tuple
+        The `lower_triangle` of the first and the second in single precision, and the third.
     """
     e = float(np.finfo(np.float32).eps) / 2.0
-    wider = covariance.copy()
-    wider[np.diag_indices(len(wider))] *= 1.0 + (len(wider) + 2) * e
-    return lower_triangle(wider)
+    share = 1.0 + (len(covariance) + len(others) + 2) * e
+    wider, others = covariance.copy(), others.copy()
+    for matrix in (wider, others):
+        matrix[np.diag_indices(len(matrix))] *= share
+    return lower_triangle(wider), with_others.astype(np.float32), others
 
 
 def in_bytes(descriptors: Descriptors) -> NDArray[np.uint8]:
@@ -195,7 +212,7 @@ def check_submap(value: Any, where: str) -> None:
         pose_covariance=covariance(6),
         points=array("<f8", n, 3),
         triangle=array("<f4", 3 * n * (3 * n + 1) // 2),
-        with_transferred=array("<f8", 3 * n, len(value.transferred)),
+        with_transferred=array("<f4", 3 * n, len(value.transferred)),
         windows=array("|u1", n, None, None),
         uv_ref=array("<f8", n, 2),
         inside=array("<f8", n, 4),
