@@ -153,6 +153,8 @@ _REMEDIES = {
     "moving": "things move over much of the image, the camera only turns (move it sideways), or its "
     "calibration is wrong (check-calib)",
     "noise": "check the calibration, or raise filter.pixel.sigma_cs",
+    "attitude": "a turn showed nothing: give it a gyroscope (--gyro), light, or something to see; the map "
+    "that began after it is right in itself",
 }
 
 

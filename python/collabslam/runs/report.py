@@ -111,6 +111,7 @@ DEGRADED_BY = {
     "moving": "new points do not move as those of a scene that stands still, seen by a camera that moves and "
     "does not only turn",
     "noise": "features are found farther from where they are expected than the noise that is claimed",
+    "attitude": "the camera's attitude in W is not known to 20 degrees (one sd)",
 }
 """Why frames are DEGRADED, by the cause in ``frames.csv``."""
 

@@ -24,8 +24,8 @@ from collabslam.types import Array
 NOTHING = ""
 GYRO = "gyro"
 WORN, WORN_MATCHES, SIZE, JUMP = "t_cf", "cf_matches", "size", "jump"
-MATCHES, MOVING, NOISE = "matches", "moving", "noise"
-CAUSES = (GYRO, WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE)
+MATCHES, MOVING, NOISE, ATTITUDE = "matches", "moving", "noise", "attitude"
+CAUSES = (GYRO, WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE, ATTITUDE)
 """Causes for which a frame is DEGRADED, the most telling first."""
 
 _LAST = 30
@@ -92,7 +92,7 @@ class ConsistencyMonitor(PersistentState):
         """Takes a frame in; what it saw of the map counts if it was used.
 
         ``jumped`` says whether the camera was found again where prediction excludes it.  Returns one of
-        `CAUSES`, or `NOTHING`.
+        `CAUSES` but the last, or `NOTHING`.
         """
         self._jumps = _last(self._jumps, float(jumped), _LAST)
         for seen in overlap.each:
@@ -125,7 +125,7 @@ class ConsistencyMonitor(PersistentState):
             MOVING: _still_too_many(self._births),
             NOISE: self._too_loud(),
         }
-        return next((cause for cause in CAUSES if inconsistent[cause]), NOTHING)
+        return next((cause for cause in CAUSES if inconsistent.get(cause)), NOTHING)
 
     def _take(self, report: UpdateReport, found: int, change: MapChange) -> None:
         bearings = report.bearings

@@ -9,7 +9,7 @@ import numpy as np
 
 from collabslam._core import Filter
 from collabslam.formats.schema import Check, array
-from collabslam.slam.consistency_monitor import NOTHING, ConsistencyMonitor
+from collabslam.slam.consistency_monitor import ATTITUDE, NOTHING, ConsistencyMonitor
 from collabslam.slam.frame_outcome import FrameOutcome
 from collabslam.slam.gyro_monitor import GyroMonitor
 from collabslam.slam.recovery.relocalise import Relocaliser
@@ -18,6 +18,10 @@ from collabslam.slam.status import StatusMonitor
 from collabslam.slam.submaps.submaps import Submaps
 from collabslam.types import Status
 
+_UNKNOWN = 0.35
+"""Radians of the attitude's standard deviation past which a covariance says little of where the camera is: of
+the way from where the attitude was lost 1 - cos(0.35), 6 %, comes short at one of it.
+"""
 _SECONDS = 1.0
 """A camera that is lost goes on as it did in the last so many seconds in which its frames were trusted."""
 
@@ -73,9 +77,16 @@ class Verdict(PersistentState):
             self._relocaliser.remember(view, self._filter.pose, outcome.seen)
         follows = trusted and cause == NOTHING
         loops = self._submaps.follow(view, outcome.seen.without(change.deleted)) if follows else 0
+        if status is Status.OK and cause == NOTHING and self._is_turned():
+            cause = ATTITUDE
         if status is Status.OK and cause != NOTHING:
             status = Status.DEGRADED
         return status, {"degraded_by": cause, "loops": loops}
+
+    def _is_turned(self) -> bool:
+        """Whether nobody knows where the camera looks, so that its covariance is none."""
+        variance = float(np.linalg.eigvalsh(self._filter.pose_covariance[3:, 3:])[-1])
+        return variance > _UNKNOWN**2
 
     def unseen(self, t: float, *, frozen: bool, followed: bool) -> Status:
         """The status of a frame that shows nothing.

@@ -127,6 +127,32 @@ def test_in_the_dark_it_coasts_and_then_is_lost(clip: Clip) -> None:
     assert all(np.isfinite(s.pose).all() for s in dark)
 
 
+class Turned:
+    """A filter whose attitude is known to ``sd`` radians about one axis."""
+
+    def __init__(self, core: Any, sd: float) -> None:
+        self._core, self._variance = core, sd**2
+
+    @property
+    def pose_covariance(self) -> Any:
+        return self._core.pose_covariance + np.diag([0.0, 0.0, 0.0, 0.0, self._variance, 0.0])
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._core, name)
+
+
+def test_an_attitude_that_nobody_knows_degrades(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the map says; the map goes on."""
+    slam = Slam(clip.recording.camera, clip.recording.worn_camera)
+    said = []
+    for frame, sd in zip(clip.frames, (0.0, 0.3, 0.4, 0.4, 0.3), strict=False):
+        monkeypatch.setattr(slam._parts.verdict, "_filter", Turned(slam.filter, sd))
+        step = slam.step(frame.t, frame.image, frame.views)
+        said.append((step.status, step.diagnostics["degraded_by"], step.valid))
+    fine, turned = (Status.OK, "", True), (Status.DEGRADED, "attitude", True)
+    assert said == [fine, fine, turned, turned, fine]
+
+
 def test_before_the_first_overlap_nothing_is_valid(clip: Clip) -> None:
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
     step = slam.step(0.0, clip.frames[0].image)
