@@ -12,6 +12,7 @@ pub(crate) mod filter {
     mod births {
         mod free_start;
         mod parallax;
+        mod vague;
     }
     pub(crate) mod map {
         pub(crate) mod map_drift;

@@ -74,6 +74,8 @@ pub(crate) enum Trajectory {
     Shaken,
     /// At constant velocity.
     Straight,
+    /// Straight ahead, at constant velocity.
+    Ahead,
     /// At a constant twist, about a point 6 m in front of it.
     Round,
 }
@@ -159,6 +161,7 @@ impl Scene {
                 Vector3::new(0.8 * (1.3 * t).sin(), 0.2 * (2.1 * t).sin(), 0.3 * t),
             ),
             Trajectory::Straight => (Vector3::zeros(), Vector3::new(0.8 * t, 0.1 * t, 0.0)),
+            Trajectory::Ahead => (Vector3::zeros(), Vector3::new(0.0, 0.0, 1.5 * t)),
             Trajectory::Round => {
                 let angle: f64 = 0.15 * t;
                 let way = Vector3::new(-angle.sin(), 0.0, 1.0 - angle.cos());
@@ -314,7 +317,11 @@ pub(crate) struct Warm {
 }
 
 pub(crate) fn warm(seed: u64, changes: &[(&str, Value)]) -> Warm {
-    let scene = Scene::new(seed, 30);
+    warm_in(Scene::new(seed, 30), changes)
+}
+
+/// The same in this scene.
+pub(crate) fn warm_in(scene: Scene, changes: &[(&str, Value)]) -> Warm {
     let mut filter = scene.filter(settings(changes));
     filter.predict(0.0).expect("first frame");
     let mut warm = Warm {

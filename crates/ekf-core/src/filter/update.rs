@@ -1,6 +1,7 @@
 //! One frame's update (METHOD 7, steps 5-7): measurement blocks, their tests, the update, and the births that depth makes
 //! possible.
 
+mod guessed_depth;
 mod measurement;
 mod validation;
 
@@ -247,6 +248,23 @@ impl Filter {
             }
         }
         let carries = self.setup.carries() && self.workspace.batch.rows() > 0;
+        let carried = carries && self.carry_to_told_depths()?;
+        let done = self.use_batch(z, form, carries, report, scratch);
+        if carried && !matches!(done, Ok(true)) {
+            self.take_back_carried();
+        }
+        done
+    }
+
+    /// Updates with the rows that passed the tests. False, with the state unchanged, if the camera would be too fast.
+    fn use_batch(
+        &mut self,
+        z: &Measurements,
+        form: WornForm,
+        carries: bool,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<bool, EkfError> {
         if carries {
             let followed = self.memory.followed.ids();
             self.workspace.gauge.prepare(&self.memory.state, followed);

@@ -18,6 +18,8 @@ pub(crate) struct Workspace {
     pub(crate) in_view: Vec<u64>,
     /// Room for the next working set.
     pub(crate) buffers: Buffers,
+    /// The state before P was carried to where rows are taken.
+    pub(crate) before: State,
     /// The whole state, if it was asked for since the last change.
     pub(crate) shown: OnceLock<Box<State>>,
     /// While a camera that was lost is put somewhere: nothing tells its speed.

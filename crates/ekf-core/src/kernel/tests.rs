@@ -241,6 +241,7 @@ fn fill_is_p_times_h() {
             id: 0,
             feature,
             shared: worn,
+            told: None,
         };
         let blocks = [
             block(2, 13, None),

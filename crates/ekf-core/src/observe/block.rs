@@ -14,6 +14,8 @@ pub struct MeasurementBlock {
     pub feature: usize,
     /// Offset of the six numbers that [`Rows::by_shared`] belongs to, if they are in the state.
     pub shared: Option<usize>,
+    /// Inverse depth at which the rows are taken, 1/m, where that is not the feature's.
+    pub told: Option<f64>,
 }
 
 impl MeasurementBlock {

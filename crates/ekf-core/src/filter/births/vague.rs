@@ -7,6 +7,7 @@ use crate::filter::memory::candidate::FirstView;
 use crate::filter::memory::guess::Guess;
 use crate::guard::check_once;
 use crate::scale::LogRange;
+use crate::state::Block;
 use nalgebra::SMatrix;
 
 /// Inverse depth of a candidate that waits for parallax no longer where the map tells none, 1/m: what has shown none is far.
@@ -113,12 +114,21 @@ impl Filter {
     fn forget_guesses(&mut self) {
         let mut guesses = std::mem::take(&mut self.memory.guesses);
         guesses.retain(|guess| {
-            self.memory.feature_block(guess.id).is_ok_and(|block| {
-                let (_, own) = self.memory.state.feature_covariance(&block);
-                own[(5, 5)].max(0.0).sqrt() > VAGUE * guess.sd
-            })
+            let block = self.memory.feature_block(guess.id);
+            block.is_ok_and(|block| self.is_still(guess, &block))
         });
         self.memory.guesses = guesses;
+    }
+
+    /// Whether the depth of a feature is still that which was guessed when it was born.
+    pub(crate) fn is_guess(&self, block: &Block) -> bool {
+        let mut guesses = self.memory.guesses.iter();
+        guesses.any(|guess| guess.id == block.id && self.is_still(guess, block))
+    }
+
+    fn is_still(&self, guess: &Guess, block: &Block) -> bool {
+        let (_, own) = self.memory.state.feature_covariance(block);
+        own[(5, 5)].max(0.0).sqrt() > VAGUE * guess.sd
     }
 
     /// What a vague depth has in common with the first of those that are there.

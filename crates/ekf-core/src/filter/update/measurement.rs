@@ -108,15 +108,20 @@ impl Filter {
             .memory
             .feature_block(bearing.id)
             .map_err(|_| MeasurementOutcome::NotVisible)?;
-        let rows = Rows::bearing(
-            &self.setup.camera,
-            &self.memory.state.camera_pose(),
-            &self.memory.state.feature(&landmark),
-            &bearing.uv,
-            self.setup.settings.pixel.sigma_cs,
-            self.shutter().as_ref(),
-        );
-        MeasurementBlock::new(rows, &landmark, self.memory.state.calibration())
+        let (pose, shutter) = (self.memory.state.camera_pose(), self.shutter());
+        let rows = self.rows_at_told_depth(&landmark, &|feature| {
+            Rows::bearing(
+                &self.setup.camera,
+                &pose,
+                feature,
+                &bearing.uv,
+                self.setup.settings.pixel.sigma_cs,
+                shutter.as_ref(),
+            )
+        });
+        let (rows, told) = rows.ok_or(MeasurementOutcome::NotVisible)?;
+        let block = MeasurementBlock::new(Some(rows), &landmark, self.memory.state.calibration())?;
+        Ok(MeasurementBlock { told, ..block })
     }
 
     fn worn_point(
@@ -235,6 +240,7 @@ impl MeasurementBlock {
             id: landmark.id,
             feature: landmark.offset,
             shared,
+            told: None,
         })
     }
 }

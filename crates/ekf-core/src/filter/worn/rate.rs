@@ -38,6 +38,7 @@ impl Filter {
             id: 0,
             feature: 0,
             shared: Some(roll),
+            told: None,
         })
     }
 }
