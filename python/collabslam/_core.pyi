@@ -1650,9 +1650,9 @@ class Filter:
         ----------
         worn : WornMeasurement
             All its ids -1.
-        gone : (3,) float64
-            Way in W, metres, that the camera went in a map that may be of the wrong size: half of its square
-            joins the covariance of the new map's place.
+        gone : (3, 3) float64
+            Square, in m^2, of the way in W that the camera went in a map that may be of the wrong size: half
+            of it joins the covariance of the new map's place.
 
         Returns
         -------
@@ -1663,8 +1663,8 @@ class Filter:
         Raises
         ------
         InputError
-            For NaN, an id that is not -1, an impossible pose or covariance, or before the start; the filter
-            stays as it was.
+            For NaN, an id that is not -1, an impossible pose, covariance or square, or before the start; the
+            filter stays as it was.
         """
     def relocalise_in(
         self,

@@ -40,10 +40,10 @@ impl MapFrame {
         Self(self.0 + Self::by_pose(&pose, &(away * away.transpose() * EITHER)).0)
     }
 
-    /// What it becomes where the way that the camera went, in W, is as likely wrong as right.
-    pub(crate) fn or_gone(mut self, way: &Vector3<f64>) -> Self {
+    /// What it becomes where the way that the camera went, in W, is as likely wrong as right, by its square.
+    pub(crate) fn or_gone(mut self, square: &Matrix3<f64>) -> Self {
         let mut shift = self.0.fixed_view_mut::<3, 3>(0, 0);
-        shift += way * way.transpose() * EITHER;
+        shift += square * EITHER;
         self
     }
 

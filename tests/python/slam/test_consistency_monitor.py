@@ -195,11 +195,35 @@ def test_a_map_of_another_size_is_degraded_until_views_confirm_it() -> None:
     assert said == [NOTHING] * 13 + ["size"] * 60 + [NOTHING] * 6
 
 
+def test_a_way_that_bends_may_be_wrong_along_each_leg() -> None:
+    """Wherever on it the size was lost: three times the mean over the places on it."""
+    size, _ = map_size()
+    at = np.array([5.0, 1.0, -2.0])
+    size.take(seen(0.1, size=0.1), pose(np.eye(3), at))
+    np.testing.assert_array_equal(size.gone(pose(np.eye(3), at)), np.zeros((3, 3)))
+    legs = np.repeat([[0.02, 0.0, 0.0], [0.0, 0.0, 0.01]], 100, axis=0)  # 2 m, then 1 m
+    places = at + np.cumsum(legs, axis=0)
+    for k, place in enumerate(places):
+        if k % 7 == 0:
+            size.take(Overlaps(), pose(np.eye(3), place))  # standing adds nothing
+        size.take(Overlaps(), pose(np.eye(3), place))
+    ways = np.array([place - places[-1] for place in places])
+    weights = np.linalg.norm(legs, axis=1)
+    expected = 3.0 * (ways.T * weights) @ ways / weights.sum()
+    square = size.gone(pose(np.eye(3), places[-1]))
+    np.testing.assert_allclose(square, expected, atol=0.06)
+    assert np.linalg.eigvalsh(square)[1:].min() > 0.4  # along both legs
+    size.take(seen(0.1, size=0.1), pose(np.eye(3), places[-1]))
+    np.testing.assert_array_equal(size.gone(pose(np.eye(3), places[-1])), np.zeros((3, 3)))
+
+
 def test_a_map_begun_by_cf_alone_stays_degraded_until_the_camera_is_in_another() -> None:
     size, _ = map_size()
     for k in range(20):
         size.take(seen(0.1, size=0.1 if k < 10 else 3.0), pose(np.eye(3), [0.1 * k, 0.0, 0.0]))
-    np.testing.assert_allclose(size.gone(pose(np.eye(3), [2.0, 0.0, 0.5])), [1.1, 0.0, 0.5])
+    # Confirmed last at 0.9 m, at 1.9 m now.
+    square = size.gone(pose(np.eye(3), [1.9, 0.0, 0.0]))
+    np.testing.assert_allclose(square, np.diag([1.0, 0.0, 0.0]), rtol=1e-2, atol=1e-12)
     assert size.contradicted
     size.leave(contradicted=True, speed=1.0)
     assert size.inconsistent

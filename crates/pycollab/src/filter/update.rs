@@ -4,7 +4,7 @@ use super::PyFilter;
 use super::measurements::{PyDepthMeasurement, PyWornMeasurement, bearings};
 use super::report::PyMapRelocalisation;
 use super::report::{PyUpdateReport, to_worn_pose};
-use crate::arrays_in::{Argument, ids, matrix, pixels, pose, rows, same_length, square, vector};
+use crate::arrays_in::{Argument, ids, matrix, pixels, pose, rows, same_length, square};
 use crate::arrays_out::{Table, to_ids};
 use ekf_core::Measurements;
 use ekf_core::{EkfError, KnownMap, UpdateReport};
@@ -152,9 +152,9 @@ impl PyFilter {
     /// ----------
     /// worn : WornMeasurement
     ///     All its ids -1.
-    /// gone : (3,) float64
-    ///     Way in W, metres, that the camera went in a map that may be of the wrong size: half of its square
-    ///     joins the covariance of the new map's place.
+    /// gone : (3, 3) float64
+    ///     Square, in m^2, of the way in W that the camera went in a map that may be of the wrong size: half
+    ///     of it joins the covariance of the new map's place.
     ///
     /// Returns
     /// -------
@@ -165,15 +165,15 @@ impl PyFilter {
     /// Raises
     /// ------
     /// InputError
-    ///     For NaN, an id that is not -1, an impossible pose or covariance, or before the start; the filter
-    ///     stays as it was.
+    ///     For NaN, an id that is not -1, an impossible pose, covariance or square, or before the start; the
+    ///     filter stays as it was.
     fn restart(
         &self,
         py: Python<'_>,
         worn: &PyWornMeasurement,
         gone: Argument<'_>,
     ) -> PyResult<PyUpdateReport> {
-        let gone = vector::<3>("gone", &gone)?;
+        let gone = matrix::<3, 3>("gone", &gone)?;
         let report = self.write(py, |f| f.restart(&worn.0, &gone))?;
         PyUpdateReport::new(py, report)
     }

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from collabslam._core import Filter
-from collabslam.formats.schema import Check, array, flag, number, optional, pose, table
+from collabslam.formats.schema import Check, array, flag, number, optional, table
 from collabslam.frontend.worn_size import (
     CHANGES,
     LAST_VIEWS,
@@ -44,7 +44,9 @@ class MapSize(PersistentState):
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_told": array("<f8", None),
-        "_confirmed": optional(pose),
+        "_confirmed": optional(array("<f8", 3)),
+        "_last": array("<f8", 3),
+        "_places": array("<f8", 4, 4),
         "_anew": flag,
         "_speeds": optional(array("<f8", None)),
         "_lengths": table(int, array("<f8", None, 6)),
@@ -54,7 +56,10 @@ class MapSize(PersistentState):
     def __init__(self, core: Filter, usual_speed: UsualSpeed, bias_time: float) -> None:
         self._filter, self._usual, self._bias_time = core, usual_speed, bias_time
         self._told = np.empty(0)
+        # Where a view last confirmed it, where the camera was last, and moments of the places in between,
+        # each with 1 as a fourth number, seen from the first and weighted by the way through them.
         self._confirmed: Array | None = None
+        self._last, self._places = np.zeros(3), np.zeros((4, 4))
         self._anew = False
         # Of the frames in a map that was begun because one was contradicted in which the camera went as fast
         # as it never does; None if that one's speed was usual, so that T_CF may as well be what is wrong.
@@ -66,8 +71,13 @@ class MapSize(PersistentState):
         """Takes in what the views of a frame said, and the pose of Cs (4, 4) in it."""
         told = [seen.size for seen in overlap.each if not np.isnan(seen.size)]
         self._told = np.concatenate([self._told, told])[-LAST_VIEWS:]
+        place = t_wc[:3, 3]
         if told and max(told) <= 1.0:
-            self._confirmed = t_wc
+            self._confirmed, self._places = place.copy(), np.zeros((4, 4))
+        elif self._confirmed is not None:
+            between = np.append(0.5 * (self._last + place) - self._confirmed, 1.0)
+            self._places = self._places + np.linalg.norm(place - self._last) * np.outer(between, between)
+        self._last = place.copy()
         if self._anew and self._speeds is not None:
             self._speeds = np.append(self._speeds, self._speed())[-_CONFIRMING:]
             if len(self._speeds) == _CONFIRMING and self._usual.is_usual(float(np.median(self._speeds))):
@@ -104,13 +114,24 @@ class MapSize(PersistentState):
         return self.contradicted or self._anew
 
     def gone(self, t_wc: Array) -> Array:
-        """Way (3,) in W since it was last confirmed, metres, from a pose of Cs (4, 4)."""
-        return np.zeros(3) if self._confirmed is None else t_wc[:3, 3] - self._confirmed[:3, 3]
+        """Square (3, 3) of the way in W to a pose of Cs (4, 4) that may be of the wrong size, m^2.
+
+        Where on its way since the size was last confirmed the map lost it nobody knows, and a way that bends
+        is as wrong as it is long along both of its legs: the mean over all places on it of the square of the
+        way from there, times three, which is the square of all of it if it is straight.
+        """
+        along = self._places[3, 3]
+        if self._confirmed is None or along <= 0.0:
+            return np.zeros((3, 3))
+        from_there = np.hstack([-np.eye(3), (t_wc[:3, 3] - self._confirmed)[:, None]])
+        square = 3.0 / along * from_there @ self._places @ from_there.T
+        return np.asarray(0.5 * (square + square.T))
 
     def leave(self, *, contradicted: bool, speed: float) -> None:
         """The camera, which went at a ``speed`` (m/s), is in another map: one begun because the last one was
         contradicted, or any."""
         self._told, self._confirmed, self._anew = np.empty(0), None, contradicted
+        self._places = np.zeros((4, 4))
         self._lengths = {}
         self._speeds = np.empty(0) if self._usual.is_usual(speed) is False else None
 

@@ -65,7 +65,7 @@ class Restart:
                 continue
             overlap = Overlaps((matched,))
             old = None if wrong else self._relocaliser.map_in_use(self._printed)
-            gone = self._size.gone(self._filter.pose) if wrong else np.zeros(3)
+            gone = self._size.gone(self._filter.pose) if wrong else np.zeros((3, 3))
             report = self._filter.restart(matched.observation, gone)
             if report.accepted:
                 self._relocaliser.make_inactive(old)

@@ -5,7 +5,7 @@ use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use ekf_core::settings::Value;
 use ekf_core::{EkfError, Filter, MeasurementOutcome, UpdateReport, WornObservation};
-use nalgebra::{Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector2, Vector3, Vector6};
 use std::collections::BTreeMap;
 
 /// A second of frames in which nothing is seen.
@@ -37,7 +37,7 @@ fn lost(seed: u64) -> Warm {
 
 fn restart(warm: &mut Warm) -> UpdateReport {
     let (worn, points) = overlap(warm);
-    let report = warm.filter.restart(&worn, &Vector3::zeros()).unwrap();
+    let report = warm.filter.restart(&worn, &Matrix3::zeros()).unwrap();
     warm.known.clear();
     adopt(&mut warm.known, &report, &points);
     report
@@ -94,7 +94,10 @@ fn the_new_map_hangs_on_what_prediction_knows() {
 fn a_way_that_may_be_wrong_makes_the_new_maps_place_as_uncertain() {
     let mut pair = [lost(1), lost(1)];
     let way = Vector3::new(2.0, -0.5, 1.0);
-    for (warm, gone) in pair.iter_mut().zip([Vector3::zeros(), way]) {
+    for (warm, gone) in pair
+        .iter_mut()
+        .zip([Matrix3::zeros(), way * way.transpose()])
+    {
         let (worn, _) = overlap(warm);
         assert!(warm.filter.restart(&worn, &gone).unwrap().accepted);
     }
@@ -107,8 +110,12 @@ fn a_way_that_may_be_wrong_makes_the_new_maps_place_as_uncertain() {
     assert!(off < 1e-9, "{off}");
     let mut warm = lost(1);
     let (worn, _) = overlap(&mut warm);
-    let error = warm.filter.restart(&worn, &Vector3::repeat(f64::NAN));
-    assert!(matches!(error, Err(EkfError::NonFinite { .. })));
+    for (square, what) in [(f64::NAN, "NonFinite"), (-1.0, "InvalidInput")] {
+        let error = warm
+            .filter
+            .restart(&worn, &Matrix3::from_diagonal_element(square));
+        assert!(format!("{:?}", error.unwrap_err()).starts_with(what));
+    }
 }
 
 #[test]
@@ -149,7 +156,7 @@ fn too_few_births_leave_the_filter_as_it_was() {
     let (mut worn, _) = overlap(&mut warm);
     worn.pairs.truncate(7);
     let before = warm.filter.snapshot();
-    let report = warm.filter.restart(&worn, &Vector3::zeros()).unwrap();
+    let report = warm.filter.restart(&worn, &Matrix3::zeros()).unwrap();
     assert!(!report.accepted);
     assert!(
         report.views[0]
@@ -166,12 +173,12 @@ fn a_restart_takes_new_points_only_and_not_before_a_start() {
     let mut fresh = warm.scene.filter(warm.filter.settings().clone());
     let invalid = |error: EkfError| matches!(error, EkfError::InvalidInput { .. });
     assert!(invalid(
-        fresh.restart(&worn, &Vector3::zeros()).unwrap_err()
+        fresh.restart(&worn, &Matrix3::zeros()).unwrap_err()
     ));
     worn.pairs[0].id = warm.known.keys().next().copied();
     let before = warm.filter.snapshot();
     assert!(invalid(
-        warm.filter.restart(&worn, &Vector3::zeros()).unwrap_err()
+        warm.filter.restart(&worn, &Matrix3::zeros()).unwrap_err()
     ));
     assert!(warm.filter.snapshot() == before);
 }

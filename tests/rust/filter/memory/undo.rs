@@ -3,7 +3,7 @@
 use crate::local::Pair;
 use crate::scene::{Warm, warm};
 use ekf_core::{EkfError, Filter};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2};
 use std::collections::BTreeMap;
 
 /// A frame with all that a frame may do.
@@ -67,7 +67,7 @@ fn a_restart_and_a_relocalisation_are_undone() {
     let (z, _) = warm.scene.measure(warm.t, &BTreeMap::new(), true);
     assert!(
         warm.filter
-            .restart(&z.views[0], &Vector3::zeros())
+            .restart(&z.views[0], &Matrix3::zeros())
             .unwrap()
             .accepted
     );

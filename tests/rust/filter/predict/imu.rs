@@ -353,7 +353,7 @@ fn another_map_keeps_what_is_known_of_it() {
     run.predict();
     let t = DT * f64::from(run.frame - 1);
     let (z, _) = run.scene.measure(t, &BTreeMap::new(), true);
-    let report = run.filter.restart(&z.views[0], &Vector3::zeros());
+    let report = run.filter.restart(&z.views[0], &Matrix3::zeros());
     let report = report.expect("good measurements");
     assert!(!report.views[0].is_empty());
     let (mean, p) = run.filter.gyro_bias().expect("a gyroscope");

@@ -5,7 +5,7 @@ use crate::scene::{DT, Scene, Trajectory, adopt, normals, rng, settings, worn_co
 use ekf_core::settings::Value;
 use ekf_core::state::{BlockKind, transferred_dim};
 use ekf_core::{Capture, Filter, Measurements, WornObservation};
-use nalgebra::{Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use rand::Rng;
 use std::collections::BTreeMap;
 
@@ -230,7 +230,7 @@ fn a_new_map_begins_with_what_is_known_of_it() {
     let worn: WornObservation = z.views[0].clone();
     let report = draw
         .filter
-        .restart(&worn, &Vector3::zeros())
+        .restart(&worn, &Matrix3::zeros())
         .expect("new points");
     assert!(report.accepted);
     assert_eq!(draw.filter.worn_clock(0), Some(known));

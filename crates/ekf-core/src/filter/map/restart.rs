@@ -5,28 +5,28 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{Bearing, Measurements, UpdateReport, WornObservation};
 use crate::filter::input::sources::Scratch;
-use crate::guard::check_rigid;
+use crate::guard::{check_rigid, is_covariance};
 use crate::map_frame::MapFrame;
 use crate::math::pose::Pose;
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector2};
 
 impl Filter {
     /// Starts a new map from a view of Cf, where the camera is predicted to be.
     ///
     /// What is known of the pose, which is what prediction has left of it, becomes the place of the new map in W: camera
     /// and landmarks are as certain among each other as after any start, and all are off by that one unknown motion. So they are
-    /// by a way in W that the camera has `gone` in a map that may be of the wrong size, metres: half of its square joins. The
+    /// by a way in W that the camera has `gone` in a map that may be of the wrong size, its square in m^2: half of that joins. The
     /// map of before is gone: take it with [`Self::known_map`] first to come back to it with [`Self::relocalise_in`]. Ids go
     /// on, velocities start anew. The report's `accepted` says whether there were births enough for a start
     /// (`worn.start_births`); if not, the filter is as it was.
     ///
     /// # Errors
-    /// `InvalidInput` before the start or for a pair that is of a feature, `NonFinite` for the way, and what [`Self::update`] says
+    /// `InvalidInput` before the start, for a pair that is of a feature or a square that is none, `NonFinite` for that, and what [`Self::update`] says
     /// of its input; the filter stays as it was.
     pub fn restart(
         &mut self,
         worn: &WornObservation,
-        gone: &Vector3<f64>,
+        gone: &Matrix3<f64>,
     ) -> Result<UpdateReport, EkfError> {
         self.memory.check_started()?;
         if worn.pairs.iter().any(|pair| pair.id.is_some()) {
@@ -40,9 +40,13 @@ impl Filter {
             ..Measurements::default()
         };
         self.check_measurements(&z, &mut Scratch::default())?;
-        if !gone.iter().all(|v| v.is_finite()) {
-            let what = "way gone";
+        let what = "square of the way gone";
+        if !gone.iter().all(|x| x.is_finite()) {
             return Err(EkfError::NonFinite { what });
+        }
+        if !is_covariance(gone) {
+            let why = "it is not symmetric positive semi-definite".into();
+            return Err(EkfError::InvalidInput { what, why });
         }
         let mut trial = self.clone();
         trial.leave_map(gone);
@@ -57,7 +61,7 @@ impl Filter {
     }
 
     /// A camera at the pose of before that knows it exactly, in a frame that is as uncertain as that pose was.
-    fn leave_map(&mut self, gone: &Vector3<f64>) {
+    fn leave_map(&mut self, gone: &Matrix3<f64>) {
         self.make_whole();
         let pose = self.memory.state.camera_pose();
         self.memory.map_frame = MapFrame::by_pose(&pose, &self.pose_covariance()).or_gone(gone);
