@@ -146,7 +146,7 @@ def test_a_worn_camera_that_is_silent_is_told(site: Site, phone: Browser) -> Non
         "[...document.querySelectorAll('tr.bad')].some(r => r.textContent.includes('last image'))", SOON
     )
     assert view.until("document.querySelector('[data-of=persons]').classList.contains('bad')", SOON)
-    assert view.value(f"{SAID}.startsWith('OK · alone')")
-    assert not view.value("document.body.classList.contains('silent')")
+    assert view.until(f"{SAID}.startsWith('OK · alone')", SOON)
+    assert view.until("!document.body.classList.contains('silent')", SOON)
     view.screenshot(SHOTS / "view-worn-silent.png")
     view.close()
