@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from collabslam._core import Filter
-from collabslam.formats.schema import Check, array, flag, number, optional, table
+from collabslam.formats.schema import Check, array, covariance, flag, number, optional, table
 from collabslam.frontend.worn_size import (
     CHANGES,
     LAST_VIEWS,
@@ -46,7 +46,7 @@ class MapSize(PersistentState):
         "_told": array("<f8", None),
         "_confirmed": optional(array("<f8", 3)),
         "_last": array("<f8", 3),
-        "_places": array("<f8", 4, 4),
+        "_places": covariance(4),
         "_anew": flag,
         "_speeds": optional(array("<f8", None)),
         "_lengths": table(int, array("<f8", None, 6)),

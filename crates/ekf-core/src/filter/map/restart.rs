@@ -21,8 +21,8 @@ impl Filter {
     /// (`worn.start_births`); if not, the filter is as it was.
     ///
     /// # Errors
-    /// `InvalidInput` before the start, for a pair that is of a feature or a square that is none, `NonFinite` for that, and what [`Self::update`] says
-    /// of its input; the filter stays as it was.
+    /// `InvalidInput` before the start, for a pair that is of a feature or a square that is none, `NonFinite` for that, and what
+    /// [`Self::update`] says of its input; the filter stays as it was.
     pub fn restart(
         &mut self,
         worn: &WornObservation,
