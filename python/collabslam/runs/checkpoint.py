@@ -22,7 +22,7 @@ from collabslam.slam.saving import CLASSES
 from collabslam.types import Array, Recording, Status, worn_cameras
 from collabslam.version import version
 
-KIND, VERSION = "run checkpoint", 16
+KIND, VERSION = "run checkpoint", 17
 """The version counts the changes of what a checkpoint holds; the engine's own state has another one."""
 
 _COLUMN = schema.any_of(

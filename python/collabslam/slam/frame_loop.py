@@ -96,7 +96,9 @@ class FrameLoop:
         else:
             change = parts.map.hold(view, found)
         if report.too_fast and recovered is None:
-            change = parts.map.forget(found, change)
+            change = parts.map.forget(found.ids, change)
+        elif recovered is not None and recovered.contradicted:
+            change = parts.map.forget(found.searched, change)
         parts.tracks.adopt(view, core.pose, change, core.candidates, recovered)
         parts.fixed.adopt(change.fixed)
         parts.relocaliser.forget(change.deleted)

@@ -118,6 +118,9 @@ class Recovered:
         Diagnostics of the overlap with Cf that the map begins from.
     identified : bool
         Whether it rests on points that say themselves which they are, of which few are enough.
+    contradicted : bool
+        Whether it and the frames before it rest on such points alone, so that the rest of the map in view is
+        wrong.
     jumped : bool
         Whether prediction excludes where it was found, whatever is not known of the map.
     targets : dict
@@ -130,5 +133,6 @@ class Recovered:
     begun: MapChange | None = None
     counts: Mapping[str, Any] = field(default_factory=dict)
     identified: bool = False
+    contradicted: bool = False
     jumped: bool = False
     targets: Mapping[str, Ids] = field(default_factory=dict)

@@ -24,7 +24,7 @@ from collabslam.slam.worn.late_views import KeptFrame
 from collabslam.slam.worn.wearers import Heard
 from collabslam.types import Masks, Target, WornView
 
-KIND, VERSION = "engine state", 24
+KIND, VERSION = "engine state", 25
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
 _MASK = array("|b1", None, None)
 CLASSES = (Heard, KeptFrame, Loop, InactiveMap, Patch, Submap, Target, Wanted, WornView)

@@ -194,16 +194,26 @@ impl Filter {
 
     /// Gives the camera its uncertain velocity at the start.
     pub(super) fn start(&mut self) {
-        let speed = self.start_speed_sd();
+        self.start_velocities();
+        self.in_new_place();
+    }
+
+    /// The camera is where nothing that was kept of the frames before holds.
+    pub(super) fn in_new_place(&mut self) {
         // The map was looked at in the middle of an update.
         self.changes();
+        self.memory.started = true;
+        self.memory.map_transfer.last = None;
+    }
+
+    /// Velocities of which nothing is known (METHOD 3).
+    pub(super) fn start_velocities(&mut self) {
+        let speed = self.start_speed_sd();
         let turning = self.setup.settings.process.start_angular_velocity_sd;
         for i in 0..3 {
             self.memory.state.p.set(7 + i, 7 + i, speed.powi(2));
             self.memory.state.p.set(10 + i, 10 + i, turning.powi(2));
         }
-        self.memory.started = true;
-        self.memory.map_transfer.last = None;
     }
 
     /// Standard deviation of each component of a velocity of which nothing is known, m/s (METHOD 3).

@@ -120,9 +120,10 @@ class MapManager:
         self._filter.drop_candidates(self._filter.candidates if view.lost else found.lost)
         return MapChange()
 
-    def forget(self, found: TrackingResult, change: MapChange) -> MapChange:
-        """Deletes the features found: what they show is not at rest, or of another size (METHOD 28)."""
-        there = np.intersect1d(found.ids, self._filter.features)
+    def forget(self, ids: Ids, change: MapChange) -> MapChange:
+        """Deletes features that are wrong: those found, where what they show is not at rest or of another
+        size (METHOD 28), or all that were searched, where a printed target alone fits the map (METHOD 17)."""
+        there = np.intersect1d(ids, self._filter.features)
         gone = np.setdiff1d(there, [*change.deleted, *self._printed.kept()])
         self._filter.remove_features(gone)
         return replace(change, deleted=np.concatenate([change.deleted, gone]))

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
 import numpy as np
 
 from collabslam._core import Camera, Filter, UpdateReport
+from collabslam.formats.schema import Check, whole
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import Recovered
 from collabslam.slam.recovery.by_targets import find_by_targets, find_in_inactive
 from collabslam.slam.recovery.known_submaps import KnownSubmaps
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.recovery.restart import Restart
+from collabslam.slam.state import PersistentState
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.view import View
 
+_ALONE = 3
+"""Frames in a row that printed targets alone explain, before the rest of the map in view is wrong."""
 
-class Recovery:
+
+class Recovery(PersistentState):
     """By targets and views of the maps that there are, or in a new map where Cf offers one (METHOD 17, 19).
 
     Parameters
@@ -33,6 +42,8 @@ class Recovery:
         Whether the map in use is as large as Cf says.
     """
 
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {"_alone": whole(0)}
+
     def __init__(
         self,
         core: Filter,
@@ -46,6 +57,7 @@ class Recovery:
     ) -> None:
         self._filter, self._camera, self._printed = core, camera, printed
         self._relocaliser, self._known, self._restart, self._size = relocaliser, known, restart, size
+        self._alone = 0
 
     def attempt(self, view: View, report: UpdateReport, *, followed: bool) -> Recovered | None:
         """After the update of a frame: puts the camera where images say it is; None if it stays where it was.
@@ -63,7 +75,8 @@ class Recovery:
         found = self._restart.attempt(view, wrong=True) if wrong else None
         begun = found is not None
         if found is None:
-            found = self._by_targets(view, lost=not report.accepted)
+            # A frame of which nothing was used is where prediction says, whatever was asked of it.
+            found = self._by_targets(view, lost=not (report.accepted and report.bearings.accepted.any()))
         if found is None:
             found = self._relocaliser.look_back(view) if report.accepted else self._relocaliser.attempt(view)
         in_submap = False
@@ -72,17 +85,32 @@ class Recovery:
             in_submap = found is not None
             found = found or (None if wrong else self._restart.attempt(view, wrong=False))
         if found is not None and found.other_map is not None:
+            self._alone = 0
             self._size.leave(contradicted=begun, speed=speed)
             self._printed.move(found.targets)
             if not in_submap:
                 self._known.left()
         return found
 
+    def _in_its_map(self, view: View) -> Recovered | None:
+        """Where printed targets of the map in use put the camera, and what else of it is seen from there.
+
+        Frame after frame nothing else is, where a map is wrong or what it was of has gone: each frame fails
+        by it, and none would show that a landmark of it does.
+        """
+        corners = find_by_targets(self._filter, self._camera, self._printed.in_map())
+        if corners is None:
+            return None
+        found = self._relocaliser.seen_from_there(view, corners)
+        self._alone = self._alone + 1 if len(found.seen) == len(corners.seen) else 0
+        return replace(found, contradicted=self._alone >= _ALONE)
+
     def _by_targets(self, view: View, *, lost: bool) -> Recovered | None:
         """Where printed targets put the camera: in its map, if it may be anywhere, or in another one."""
-        found = find_by_targets(self._filter, self._camera, self._printed.in_map()) if lost else None
+        found = self._in_its_map(view) if lost else None
         if found is not None:
-            return self._relocaliser.seen_from_there(view, found)
+            return found
+        self._alone = 0
         for old in self._relocaliser.inactive:
             if found is not None:
                 break

@@ -288,6 +288,66 @@ fn where_prediction_allows_it_what_was_known_stays() {
 }
 
 #[test]
+fn points_that_say_which_they_are_tell_more_of_the_velocities() {
+    for seed in 0..6 {
+        let mut warm = lost(seed, &WHITE).warm;
+        let truth = warm.scene.pose(warm.t);
+        let known: Vec<(u64, usize)> = warm.known.iter().map(|(id, p)| (*id, *p)).collect();
+        let seen = |(id, point)| warm.scene.pixel(&truth, point).map(|uv| Bearing { id, uv });
+        let matches: Vec<Bearing> = known.into_iter().filter_map(seen).collect();
+        let [said, unsaid] = [Some(12), None].map(|least| {
+            let mut filter = warm.filter.clone();
+            let report = filter.relocalise(&truth, &matches, least, false).unwrap();
+            assert!(report.accepted && !report.jumped, "seed {seed}");
+            assert!(filter.state().covariance().least_scaled_eigenvalue() > -1e-10);
+            filter.state().covariance().block::<6, 6>(7, 7).trace()
+        });
+        assert!(said < 0.7 * unsaid, "seed {seed}: {said}, {unsaid}");
+    }
+}
+
+/// Twice found, a tenth of a second apart, by a camera of whose speed nothing is known: the way between tells it.
+#[test]
+fn where_prediction_allows_it_the_way_tells_the_velocities() {
+    let (mut sum, mut runs, mut turning, mut widest) = (0.0, 0.0, 0.0, 0.0_f64);
+    for seed in 0..100 {
+        let (mut filter, points, first) = drawn_map(seed);
+        let mut rng = rng(7000 + seed);
+        let twist =
+            normals::<6>(&mut rng).component_mul(&Vector6::from([1.5, 1.5, 1.5, 0.5, 0.5, 0.5]));
+        let second = first.retract(&(twist * 0.1));
+        let mut found = true;
+        for (k, truth) in [&first, &second].into_iter().enumerate() {
+            filter.predict(0.1 * (k + 1) as f64).unwrap();
+            let matches = pixels(&points, truth, &mut rng);
+            let near = truth.retract(&(normals::<6>(&mut rng) * 0.01));
+            // Points that say themselves which they are.
+            let report = filter.relocalise(&near, &matches, Some(12), false);
+            found &= report.unwrap().accepted;
+        }
+        if !found {
+            continue;
+        }
+        assert!(filter.state().covariance().least_scaled_eigenvalue() > -1e-10);
+        let along = second.rotation * twist.fixed_rows::<3>(0);
+        let error = along - filter.state().velocity();
+        let p = filter.state().covariance().block::<3, 3>(7, 7);
+        sum += error.dot(&p.cholesky().unwrap().solve(&error));
+        widest = widest.max(p.trace().sqrt());
+        let spin = twist.fixed_rows::<3>(3) - filter.state().angular_velocity();
+        let p = filter.state().covariance().block::<3, 3>(10, 10);
+        turning += spin.dot(&p.cholesky().unwrap().solve(&spin));
+        runs += 1.0;
+    }
+    let (mean, turning) = (sum / runs, turning / runs);
+    // The settings' random accelerations are in P; here there are none.
+    println!("NEES {mean:.2} and {turning:.2} over {runs} runs (at most 3), sd to {widest:.2} m/s");
+    assert!(runs >= 50.0 && widest < 2.0);
+    let band = 3.0 * (6.0_f64 / runs).sqrt();
+    assert!(mean < 3.0 + band && turning < 3.0 + band);
+}
+
+#[test]
 fn the_start_of_the_linearisation_hardly_matters() {
     let lost = lost(4, &WHITE);
     let from = |pose: &Pose| {

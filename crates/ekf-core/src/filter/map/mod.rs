@@ -1,5 +1,6 @@
 //! The map: its upkeep, its working set, its landmarks, and a camera that is lost in it (METHOD 7, 19, 20, 25).
 
+pub(super) mod carried_velocity;
 pub(super) mod known_map;
 pub(super) mod landmarks;
 pub(super) mod map_drift;

@@ -18,12 +18,13 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{Bearing, Measurements, UpdateReport, refill};
 use crate::filter::input::sources::{Scratch, WornForm};
+use crate::filter::map::carried_velocity::{Velocities, correct_by_pose, difference};
 use crate::guard::check_rigid;
 use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
 use crate::observe::POSE_DIM;
 use crate::observe::point::CameraPose;
-use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix};
 
 /// Standard deviation of the prior over that of the matches: it takes part of one in [`WIDE`]^2 in the result.
 const WIDE: f64 = 100.0;
@@ -45,9 +46,11 @@ impl Filter {
     ///
     /// `pose` is a first T_WC that explains `matches` to within the range of the linear model, as PnP with the
     /// landmarks' means gives it; it counts for nothing but as the point of linearisation. Velocities start anew from the
-    /// settings' `process.start_*`, the speed from its second moment before where that is less. The matches pass the batch test; the pose is taken if `least` of them do, which is
-    /// `lost.min_matches` unless given: [`UpdateReport::accepted`] says so. Otherwise the filter is as it was. Fewer do
-    /// for points that say themselves which they are, as the corners of a printed tag.
+    /// settings' `process.start_*`, the speed from its second moment before where that is less. The matches pass the batch test;
+    /// the pose is taken if `least` of them do, which is `lost.min_matches` unless given: [`UpdateReport::accepted`] says so.
+    /// Otherwise the filter is as it was. Fewer do for points that say themselves which they are, as the corners of a printed
+    /// tag. Such ones cannot be mistaken: where they are used and prediction does not exclude the pose, what lies between the
+    /// two tells the velocities, as it does in any update.
     ///
     /// Where prediction excludes the pose and what is `predicted` counts for something, as it does not for such corners, either
     /// may be wrong, and half the square of what lies between them joins the covariance of the map's place in W.
@@ -64,6 +67,7 @@ impl Filter {
     ) -> Result<UpdateReport, EkfError> {
         self.memory.check_started()?;
         check_rigid("pose", pose)?;
+        let identified = least.is_some();
         let least = least.unwrap_or(self.setup.settings.lost.min_matches);
         if least < FEWEST_MATCHES {
             return Err(EkfError::InvalidInput {
@@ -84,17 +88,16 @@ impl Filter {
         if predicted && self.confirm(&z, &mut report) {
             return Ok(report);
         }
-        let mut trial = self.clone();
-        report.start(&z);
-        // A covariance that cannot be factored says that these matches are no good, as a failed test does.
-        let taken = trial
-            .put_at(pose, &z, predicted, &mut report)
-            .unwrap_or(false);
-        if taken {
-            self.become_other(trial);
-        } else {
-            report.reject_all(&z);
+        for carried in [true, false].into_iter().skip(usize::from(!identified)) {
+            let mut trial = self.clone();
+            report.start(&z);
+            // A covariance that cannot be factored says that these matches are no good, as a failed test does.
+            if trial.put_at(pose, &z, [predicted, carried], &mut report) == Ok(true) {
+                self.become_other(trial);
+                return Ok(report);
+            }
         }
+        report.reject_all(&z);
         Ok(report)
     }
 
@@ -121,7 +124,7 @@ impl Filter {
         &mut self,
         pose: &Pose,
         z: &Measurements,
-        predicted: bool,
+        [predicted, carried]: [bool; 2],
         report: &mut UpdateReport,
     ) -> Result<bool, EkfError> {
         self.make_whole();
@@ -129,11 +132,15 @@ impl Filter {
         self.memory.forget_poses();
         let before = self.memory.clone_pose();
         let speed = self.memory.state.squared_speed();
+        let velocities = carried.then(|| Velocities::of(&self.memory.state));
         let pose = CameraPose {
             r: pose.translation,
             q: quat::from_rotation(&pose.rotation),
         };
         self.memory.state.reset_camera(&pose);
+        if let Some(velocities) = &velocities {
+            velocities.put_back(&mut self.memory.state);
+        }
         self.follow_view(&pose);
         let Some(prior) = self.prior_of_matches(&pose, z, report)? else {
             return Ok(false);
@@ -144,10 +151,13 @@ impl Filter {
             .state
             .p
             .set_block(0, 0, &((prior + prior.transpose()) * 0.5));
-        self.start();
-        for i in POSE_DIM..POSE_DIM + 3 {
-            let known = self.memory.state.p.get(i, i).min(speed);
-            self.memory.state.p.set(i, i, known);
+        self.in_new_place();
+        if !carried {
+            self.start_velocities();
+            for i in POSE_DIM..POSE_DIM + 3 {
+                let known = self.memory.state.p.get(i, i).min(speed);
+                self.memory.state.p.set(i, i, known);
+            }
         }
         let mut scratch = Scratch::default();
         report.start(z);
@@ -158,6 +168,11 @@ impl Filter {
         self.workspace.found_again = false;
         let taken = taken?;
         if taken {
+            let at = self.memory.state.layout.find(before);
+            let at = at.map(|block| block.offset);
+            if carried && !at.is_some_and(|at| correct_by_pose(&mut self.memory.state, at)) {
+                return Ok(false);
+            }
             if !self.compare_with(before, predicted, report) {
                 return Ok(false);
             }
@@ -223,20 +238,9 @@ impl Filter {
         predicted: bool,
         report: &mut UpdateReport,
     ) {
-        let away = found.inverse().compose(before);
-        // To first order: dv = R dv_before - dv_found + [v] dw_found, dw = R dw_before - dw_found.
-        let along = |rotation, translation| {
-            let pose = Pose {
-                rotation,
-                translation,
-            };
-            pose.adjoint()
-        };
-        let there = along(away.rotation, Vector3::zeros());
-        let here = along(Matrix3::identity(), -away.translation);
-        let both = here * of_both * there.transpose();
+        let (away, [here, there]) = difference(found, before);
+        let both = -here * of_both * there.transpose();
         let apart = there * of_before * there.transpose() + here * of_found * here.transpose();
-        let away = away.log();
         let excludes = |covariance: Matrix6<f64>| {
             let distance = covariance.cholesky().map(|c| away.dot(&c.solve(&away)));
             distance.is_some_and(|d| d > chi2::quantile(chi2::SURE_LEVEL, 6.0))
