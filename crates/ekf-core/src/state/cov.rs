@@ -301,9 +301,9 @@ impl Covariance {
         }
     }
 
-    /// Makes the camera's rows and columns zero.
-    pub(crate) fn clear_camera(&mut self) {
-        for j in 0..CAMERA_DIM {
+    /// Makes the first rows and columns, of the camera, zero.
+    pub(crate) fn clear_first(&mut self, count: usize) {
+        for j in 0..count {
             self.data[j + j * self.ld..self.n + j * self.ld].fill(0.0);
         }
     }

@@ -321,11 +321,17 @@ impl State {
 
     /// Puts the camera at a pose, at rest, without uncertainty and without correlation with anything else.
     pub(crate) fn reset_camera(&mut self, pose: &CameraPose) {
+        self.x[POSE_DIM..CAMERA_DIM].fill(0.0);
+        self.p.clear_first(CAMERA_DIM);
+        self.reset_pose(pose);
+    }
+
+    /// The same of the pose alone: the velocities stay, and what they have in common with all but the pose.
+    pub(crate) fn reset_pose(&mut self, pose: &CameraPose) {
         self.set_part(0, &pose.r);
         self.set_part(3, &pose.q);
-        self.x[POSE_DIM..CAMERA_DIM].fill(0.0);
         self.reference[..CAMERA_DIM].copy_from_slice(&self.x[..CAMERA_DIM]);
-        self.p.clear_camera();
+        self.p.clear_first(POSE_DIM);
         self.camera_moved();
     }
 

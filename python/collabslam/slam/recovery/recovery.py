@@ -75,8 +75,7 @@ class Recovery(PersistentState):
         found = self._restart.attempt(view, wrong=True) if wrong else None
         begun = found is not None
         if found is None:
-            # A frame of which nothing was used is where prediction says, whatever was asked of it.
-            found = self._by_targets(view, lost=not (report.accepted and report.bearings.accepted.any()))
+            found = self._by_targets(view, report)
         if found is None:
             found = self._relocaliser.look_back(view) if report.accepted else self._relocaliser.attempt(view)
         in_submap = False
@@ -105,9 +104,10 @@ class Recovery(PersistentState):
         self._alone = self._alone + 1 if len(found.seen) == len(corners.seen) else 0
         return replace(found, contradicted=self._alone >= _ALONE)
 
-    def _by_targets(self, view: View, *, lost: bool) -> Recovered | None:
-        """Where printed targets put the camera: in its map, if it may be anywhere, or in another one."""
-        found = self._in_its_map(view) if lost else None
+    def _by_targets(self, view: View, report: UpdateReport) -> Recovered | None:
+        """Where printed targets put the camera: in its map, if none of that was used, or in another one."""
+        lost = not report.accepted
+        found = self._in_its_map(view) if lost or not report.bearings.accepted.any() else None
         if found is not None:
             return found
         self._alone = 0

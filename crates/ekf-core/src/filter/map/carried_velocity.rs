@@ -8,35 +8,6 @@ use crate::observe::POSE_DIM;
 use crate::state::{CAMERA_DIM, State};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
-/// Velocity and angular velocity of the camera, with their rows of P.
-pub(super) struct Velocities {
-    mean: Vector6<f64>,
-    own: Matrix6<f64>,
-    /// Of each number of the state after the camera's.
-    others: Vec<Vector6<f64>>,
-}
-
-impl Velocities {
-    /// Those of the camera as it was predicted.
-    pub(super) fn of(state: &State) -> Self {
-        let others = (CAMERA_DIM..state.p.dim()).map(|j| state.p.block::<6, 1>(POSE_DIM, j));
-        Self {
-            mean: state.part::<6>(POSE_DIM),
-            own: state.p.block(POSE_DIM, POSE_DIM),
-            others: others.collect(),
-        }
-    }
-
-    /// Gives them to a camera that was put elsewhere, with a pose that they have nothing in common with.
-    pub(super) fn put_back(&self, state: &mut State) {
-        state.set_part(POSE_DIM, &self.mean);
-        state.p.set_block(POSE_DIM, POSE_DIM, &self.own);
-        for (j, rows) in (CAMERA_DIM..).zip(&self.others) {
-            state.p.set_block(POSE_DIM, j, rows);
-        }
-    }
-}
-
 /// Corrects the velocities by where the camera was found, against a clone at `before` of its predicted pose; nothing else of the
 /// state moves. False, and nothing has changed, where that pose is excluded (99.99 % of six numbers): then nothing
 /// is known of how the camera came there.

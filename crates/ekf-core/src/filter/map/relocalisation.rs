@@ -18,7 +18,7 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{Bearing, Measurements, UpdateReport, refill};
 use crate::filter::input::sources::{Scratch, WornForm};
-use crate::filter::map::carried_velocity::{Velocities, correct_by_pose, difference};
+use crate::filter::map::carried_velocity::{correct_by_pose, difference};
 use crate::guard::check_rigid;
 use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
@@ -132,14 +132,14 @@ impl Filter {
         self.memory.forget_poses();
         let before = self.memory.clone_pose();
         let speed = self.memory.state.squared_speed();
-        let velocities = carried.then(|| Velocities::of(&self.memory.state));
         let pose = CameraPose {
             r: pose.translation,
             q: quat::from_rotation(&pose.rotation),
         };
-        self.memory.state.reset_camera(&pose);
-        if let Some(velocities) = &velocities {
-            velocities.put_back(&mut self.memory.state);
+        if carried {
+            self.memory.state.reset_pose(&pose);
+        } else {
+            self.memory.state.reset_camera(&pose);
         }
         self.follow_view(&pose);
         let Some(prior) = self.prior_of_matches(&pose, z, report)? else {
