@@ -10,6 +10,7 @@ mod birth {
 mod camera;
 pub(crate) mod filter {
     mod births {
+        mod first_view;
         mod free_start;
         mod parallax;
         mod vague;

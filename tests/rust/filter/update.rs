@@ -82,14 +82,16 @@ impl Dense {
             // 1 m/s and 1 rad/s.
             p[(n + 6 + c, n + 6 + c)] += filter.settings().worn.readout.powi(2);
         }
-        // All but the length of the baseline.
-        let along = worn.t_cf.translation.normalize();
+        // All but the length of the baseline, along which it is where the bias puts it.
+        let x = grow * x;
+        let t_cf = worn.t_cf.retract(&x.fixed_rows::<6>(n).into_owned());
+        let along = t_cf.translation.normalize();
         let mut learned = Matrix6::identity();
         let mut shift = learned.fixed_view_mut::<3, 3>(0, 0);
         shift -= along * along.transpose();
         let bias = bias.map(|b| (b.offset, learned));
         Self {
-            x: grow * x,
+            x,
             p,
             worn: Some(n),
             calibration,

@@ -1,6 +1,7 @@
 //! One frame's update (METHOD 7, steps 5-7): measurement blocks, their tests, the update, and the births that depth makes
 //! possible.
 
+mod first_view;
 mod guessed_depth;
 mod measurement;
 mod validation;
@@ -14,7 +15,7 @@ use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::observe::POSE_DIM;
 use crate::settings::{Mode, WornErrors};
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use validation::Test;
 
 impl Filter {
@@ -139,6 +140,21 @@ impl Filter {
         scratch: &mut Scratch,
     ) -> Result<bool, EkfError> {
         let form = self.worn_form(z, !used.is_empty());
+        let told = self.told_by_first_view(z, compensated, form);
+        self.measure_view_at(z, compensated, told, used, report, scratch)
+    }
+
+    /// The same, linearised at an error of the view's T_CF that is told.
+    pub(super) fn measure_view_at(
+        &mut self,
+        z: &Measurements,
+        compensated: Option<&TimeCompensated>,
+        told: Option<Vector6<f64>>,
+        used: &mut Vec<(usize, Pose)>,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<bool, EkfError> {
+        let form = self.worn_form(z, !used.is_empty());
         let worn = z.first_view().filter(|_| form != WornForm::Unused);
         if let Some(worn) = worn {
             self.begin_overlap(worn);
@@ -150,6 +166,9 @@ impl Filter {
                 || !used.is_empty())
         {
             self.open_worn_error(worn, compensated);
+            if let Some(told) = &told {
+                self.linearise_at(told, worn.who);
+            }
         }
         report.start(z);
         let newborn = match form {
@@ -165,6 +184,7 @@ impl Filter {
             self.learn_clock(worn, compensated, before.as_ref(), &mut scratch.learned);
         }
         let measured = self.measure(z, form, &newborn, &Self::TESTS, report, scratch);
+        self.workspace.told = None;
         if !matches!(measured, Ok(true)) {
             // Only blocks at the end were added.
             self.memory.take_back(&mark);
@@ -181,12 +201,14 @@ impl Filter {
         self.depth_births(z, report);
         if let Some(worn) = worn {
             used.push((worn.who, worn.t_cf.clone()));
-            self.go_on_overlapping(worn.who);
         }
         if let Some((worn, capture)) = z.first_view().and_then(|w| Some((w, w.capture?))) {
             self.memory.kept_poses.remember(worn.who, capture.t);
         }
         self.finish(z, report);
+        if let Some(worn) = worn {
+            self.go_on_overlapping(worn.who);
+        }
         Ok(true)
     }
 
@@ -290,6 +312,7 @@ impl Filter {
         self.workspace
             .batch
             .apply(&mut self.memory.state, gauge, &scratch.learned);
+        self.take_back_told();
         self.keep_scales(scales);
         self.memory.nis.add(report.nis, report.dof);
         self.memory.state.normalise_quaternions();

@@ -1,6 +1,7 @@
 //! Buffers of a step.
 
 use super::input::sources::Scratch;
+use super::input::told_error::ToldError;
 use crate::gauge::Gauge;
 use crate::local::Buffers;
 use crate::state::State;
@@ -22,6 +23,8 @@ pub(crate) struct Workspace {
     pub(crate) before: State,
     /// The whole state, if it was asked for since the last change.
     pub(crate) shown: OnceLock<Box<State>>,
+    /// Where the view that starts the map is linearised.
+    pub(crate) told: Option<ToldError>,
     /// While a camera that was lost is put somewhere: nothing tells its speed.
     pub(crate) found_again: bool,
 }

@@ -160,7 +160,15 @@ fn the_length_of_the_baseline_is_not_learned() {
     let z = measure(&mut warm, true);
     warm.filter.update(&z).expect("good measurements");
     let after = of_bias(&warm.filter).0;
+    // Where the bias puts it before.
     let t_cf = &z.views[0].t_cf;
+    let turned = t_cf.rotation.transpose();
+    let mut error = mean;
+    for at in [0, 3] {
+        let in_f = turned * mean.fixed_rows::<3>(at);
+        error.fixed_rows_mut::<3>(at).copy_from(&in_f);
+    }
+    let t_cf = t_cf.retract(&error);
     let mut along = Vector6::zeros();
     along
         .fixed_rows_mut::<3>(0)

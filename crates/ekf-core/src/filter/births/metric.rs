@@ -86,10 +86,14 @@ impl Filter {
                     new.share_motion(unrolled);
                     new.follow_own_range(unrolled);
                 }
-                Some(new)
+                Some((new, view.rho_by_tangent()))
             });
             report.views[0][i] = MeasurementOutcome::NotVisible;
-            if let Some(Block { id, .. }) = new.and_then(|new| self.append_feature(&new)) {
+            let born = new.and_then(|(new, by_error)| Some((self.append_feature(&new)?, by_error)));
+            if let Some((Block { id, offset, .. }, by_error)) = born {
+                if let Some(told) = &mut self.workspace.told {
+                    told.follows(offset + 5, &by_error);
+                }
                 newborn.push((i, id));
                 report.views[0][i] = MeasurementOutcome::Born(id);
             }

@@ -2,3 +2,4 @@
 
 pub(super) mod measurements;
 pub(super) mod sources;
+pub(super) mod told_error;

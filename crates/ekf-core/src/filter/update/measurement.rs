@@ -197,9 +197,13 @@ impl Filter {
             &pair.uv_f,
             self.setup.settings.pixel.sigma_cf,
         );
-        let rows = rows.map(|rows| Rows {
-            roll: self.worn_roll(worn.who, &pair.uv_f),
-            ..rows
+        let rows = rows.map(|mut rows| {
+            if let (Some(told), Some(by_error)) = (&self.workspace.told, &rows.by_shared) {
+                let by_rho = rows.by_feature.column(5).into_owned();
+                rows.innovation += told.expected(by_error, &by_rho, landmark.offset + 5);
+            }
+            rows.roll = self.worn_roll(worn.who, &pair.uv_f);
+            rows
         });
         MeasurementBlock::new(rows, &landmark, self.worn_error_offset(worn.who))
     }

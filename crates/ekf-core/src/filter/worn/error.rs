@@ -166,7 +166,7 @@ impl Filter {
         compensated: Option<&TimeCompensated>,
         learned: &mut Learned,
     ) {
-        let t_cf = taken(worn, compensated);
+        let t_cf = taken(worn, compensated).retract(&self.memory.state.worn_error(worn.who));
         let Some(along) = t_cf.translation.try_normalize(0.0) else {
             return;
         };

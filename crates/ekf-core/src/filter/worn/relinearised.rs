@@ -26,6 +26,9 @@ impl Filter {
         let Some(worn) = z.first_view() else {
             return Ok(());
         };
+        if self.workspace.told.is_some() {
+            return Ok(());
+        }
         let lasts = self
             .memory
             .state
