@@ -23,7 +23,7 @@ pub(crate) struct Workspace {
     pub(crate) before: State,
     /// The whole state, if it was asked for since the last change.
     pub(crate) shown: OnceLock<Box<State>>,
-    /// Where the view that starts the map is linearised.
+    /// Where the view at hand is linearised, if not at the means.
     pub(crate) told: Option<ToldError>,
     /// While a camera that was lost is put somewhere: nothing tells its speed.
     pub(crate) found_again: bool,

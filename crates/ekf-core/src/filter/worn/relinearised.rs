@@ -2,9 +2,9 @@
 
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
-use crate::filter::input::measurements::{MeasurementOutcome, Measurements};
-use crate::filter::input::sources::{Scratch, Source};
-use crate::observe::block::MeasurementBlock;
+use crate::filter::input::measurements::Measurements;
+use crate::filter::input::sources::Scratch;
+use crate::filter::input::told_error::ToldError;
 use nalgebra::Vector6;
 
 impl Filter {
@@ -23,12 +23,11 @@ impl Filter {
         z: &Measurements,
         scratch: &Scratch,
     ) -> Result<(), EkfError> {
-        let Some(worn) = z.first_view() else {
+        // The view that starts a map is linearised there from the beginning.
+        let at_means = self.workspace.told.is_none();
+        let Some(worn) = z.first_view().filter(|_| at_means) else {
             return Ok(());
         };
-        if self.workspace.told.is_some() {
-            return Ok(());
-        }
         let lasts = self
             .memory
             .state
@@ -54,17 +53,10 @@ impl Filter {
         }
         let before = self.memory.state.part::<6>(at);
         self.memory.state.set_part(at, &(before + step));
-        let blocks: Result<Vec<MeasurementBlock>, _> = scratch
-            .sources
-            .iter()
-            .map(|&source| {
-                let mut block = self.measurement_block(z, source)?;
-                if let (Source::WornPixel(..), Some(by_error)) = (source, &block.rows.by_shared) {
-                    block.rows.innovation += by_error * step;
-                }
-                Ok::<_, MeasurementOutcome>(block)
-            })
-            .collect();
+        self.workspace.told = Some(ToldError::new(at, step));
+        let blocks = scratch.sources.iter();
+        let blocks: Result<Vec<_>, _> = blocks.map(|&s| self.measurement_block(z, s)).collect();
+        self.workspace.told = None;
         self.memory.state.set_part(at, &before);
         let Ok(blocks) = blocks else { return Ok(()) };
         self.workspace.batch.clear();
