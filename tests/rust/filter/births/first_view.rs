@@ -1,4 +1,4 @@
-//! The view that starts a map (METHOD 5): births that follow its error of T_CF, which goes on in the views after it.
+//! The view that starts a map (METHOD 6): births that follow its error of T_CF, which goes on in the views after it.
 
 use crate::scene::{DT, camera, normals, rng, settings, worn_covariance};
 use ekf_core::math::pose::Pose;
