@@ -11,7 +11,7 @@ import pytest
 from helpers.clip import Clip
 from helpers.posted import Posted, paint
 
-from collabslam import Camera, DataError, InputError, RecordingWriter, SavedMap, Slam, Tag
+from collabslam import Camera, DataError, Imu, InputError, RecordingWriter, SavedMap, Slam, Tag
 from collabslam.cli import main as cli
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
 from collabslam.results import StepResult
@@ -234,3 +234,21 @@ def test_from_the_command_line(walk: Posted, clip: Clip, tmp_path: Path) -> None
         rows = list(csv.DictReader(file))
     assert [row["status"] for row in rows[SEEN + DARK - 1 :]] == ["LOST", "OK", "OK", "OK"]
     assert [row["relocalised"] for row in rows[SEEN + DARK :]] == ["1", "0", "0"]
+
+
+def test_what_was_born_where_a_tag_says_that_the_camera_is_not_goes(walk: Posted, clip: Clip) -> None:
+    """A gyroscope lies that Cs has turned round: nothing is searched, and all that is seen there is new."""
+    slam = Slam(walk.camera, mode="mono", start="target", target=TAG, imu=Imu())
+    slam.announce(OTHER)
+    for i in range(SEEN):
+        slam.step(walk.frame(i).t, walk.image(i))
+    t, known = walk.frame(SEEN - 1).t, slam.filter.features
+    for k in range(4):
+        slam.add_gyro(t + 0.05 * k, [0.0, np.pi / 0.1, 0.0])
+    grid = np.meshgrid(np.arange(0.0, walk.camera.width, 4.0), np.arange(0.0, walk.camera.height, 4.0))
+    slam.add_depth(np.stack(grid, axis=-1).reshape(-1, 2), 3.0, 0.1)
+    t_wc = pose_inverse(walk.truth[0]) @ walk.truth[SEEN]
+    result = slam.step(t + 0.1, seen_from(walk, clip, t_wc, 0))
+    assert (result.diagnostics["searched"], result.diagnostics["relocalised"]) == (0, 1)
+    assert np.isin(slam.filter.features, known).all()
+    assert distance(result, t_wc) < 22.5

@@ -19,6 +19,7 @@ from collabslam.slam.recovery.restart import Restart
 from collabslam.slam.state import PersistentState
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.view import View
+from collabslam.types import Ids
 
 _ALONE = 3
 """Frames in a row that printed targets alone explain, before the rest of the map in view is wrong."""
@@ -91,8 +92,10 @@ class Recovery(PersistentState):
                 self._known.left()
         return found
 
-    def _in_its_map(self, view: View) -> Recovered | None:
+    def _in_its_map(self, view: View, report: UpdateReport) -> Recovered | None:
         """Where printed targets of the map in use put the camera, and what else of it is seen from there.
+
+        What the update began was seen from where the camera is not, and goes.
 
         Frame after frame nothing else is, where a map is wrong or what it was of has gone: each frame fails
         by it, and none would show that a landmark of it does.
@@ -100,6 +103,7 @@ class Recovery(PersistentState):
         corners = find_by_targets(self._filter, self._camera, self._printed.in_map())
         if corners is None:
             return None
+        self._filter.remove_features(_born(report))
         found = self._relocaliser.seen_from_there(view, corners)
         self._alone = self._alone + 1 if len(found.seen) == len(corners.seen) else 0
         return replace(found, contradicted=self._alone >= _ALONE)
@@ -107,7 +111,7 @@ class Recovery(PersistentState):
     def _by_targets(self, view: View, report: UpdateReport) -> Recovered | None:
         """Where printed targets put the camera: in its map, if none of that was used, or in another one."""
         lost = not report.accepted
-        found = self._in_its_map(view) if lost or not report.bearings.accepted.any() else None
+        found = self._in_its_map(view, report) if lost or not report.bearings.accepted.any() else None
         if found is not None:
             return found
         self._alone = 0
@@ -120,3 +124,9 @@ class Recovery(PersistentState):
 
     def _holds_targets(self) -> bool:
         return bool(self._printed.in_list(self._filter.landmarks().ids))
+
+
+def _born(report: UpdateReport) -> Ids:
+    """Features that an update began: points with the depth of Cf or of another sensor."""
+    ids = np.concatenate([outcomes.born for outcomes in (report.depths, *report.views)])
+    return ids[ids >= 0]
