@@ -8,6 +8,7 @@ Patches found vouch for the pose, and give the matches that the filter takes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -161,22 +162,52 @@ def votes(similarity: NDArray[np.float32]) -> int:
     return int((mutual & near).sum())
 
 
-def most_alike(
-    image: Image, places: Sequence[Descriptors], settings: FrontendSettings, hidden: Hidden | None = None
-) -> list[int]:
-    """Which places look like an image, by the number of votes, the most alike first; upright only.
+class ImageCorners:
+    """The strongest corners of an image, dense enough that those of all landmarks may be among them.
+
+    They and their descriptors are worked out when they are first asked for, and once, however many maps the
+    image is compared with.
 
     Parameters
     ----------
     image : (H, W) uint8
+    settings : FrontendSettings
+    hidden : callable, optional
+        Which pixels of the image show what is not a landmark.
+    """
+
+    def __init__(self, image: Image, settings: FrontendSettings, hidden: Hidden | None = None) -> None:
+        self.image, self.settings, self.hidden = image, settings, hidden
+        self._described: dict[float, Descriptors] = {}
+
+    @cached_property
+    def uv(self) -> Array:
+        """(C, 2), pixels."""
+        distance = max(2.0, _CORNER_DISTANCE * self.image.shape[1])
+        peaks = corner_peaks(self.image, self.settings.detect, distance, SIZE, False)
+        if self.hidden is not None:
+            peaks = peaks[~self.hidden(peaks)]
+        return refine_corners(self.image, peaks[:_CORNERS].astype(np.float64))
+
+    def described(self, roll: float) -> Descriptors:
+        """(S, C, D) as `describe_corners` has them, turned by ``roll`` radians."""
+        if roll not in self._described:
+            self._described[roll] = describe_corners(self.image, self.uv, roll, SUPPORT)
+        return self._described[roll]
+
+
+def most_alike(corners: ImageCorners, places: Sequence[Descriptors]) -> list[int]:
+    """Which places look like an image, by the number of votes, the most alike first; upright only.
+
+    Parameters
+    ----------
+    corners : ImageCorners
     places : sequence of (V, D) float32
         Descriptors of the views of each (`describe_views`).
-    settings : FrontendSettings
     """
-    corners = _corners(image, settings, hidden)
-    if not len(corners):
+    if not len(corners.uv):
         return []
-    described = describe_corners(image, corners, 0.0, SUPPORT)
+    described = corners.described(0.0)
     count = [votes((described @ place.T).max(axis=0)) for place in places]
     likely = [k for k, votes_of_it in enumerate(count) if votes_of_it >= MIN_VOTES]
     return sorted(likely, key=lambda k: (-count[k], k))
@@ -218,14 +249,12 @@ def pose_by_ransac(
 
 
 def locate(
-    image: Image,
+    corners: ImageCorners,
     camera: Camera,
     views: MapViews,
     descriptors: Descriptors,
     guess: Array,
     rolls: Sequence[float],
-    settings: FrontendSettings,
-    hidden: Hidden | None = None,
 ) -> Fix | None:
     """The pose from which an image shows a map; None where that cannot be told with confidence.
 
@@ -233,7 +262,8 @@ def locate(
 
     Parameters
     ----------
-    image : (H, W) uint8
+    corners : ImageCorners
+        Of the image.
     camera : Camera
     views : MapViews
     descriptors : (V, D) float32
@@ -243,28 +273,21 @@ def locate(
     rolls : sequence of float
         By how much the camera may be turned about its axis against the views, radians, tried in this order; a
         quarter of a radian more or less does no harm.
-    settings : FrontendSettings
-    hidden : callable, optional
-        Which pixels of the image show what is not a landmark.
     """
-    corners = _corners(image, settings, hidden)
-    if len(corners) < _MIN_DESCRIPTORS:
+    uv = corners.uv
+    if len(uv) < _MIN_DESCRIPTORS:
         return None
     for roll in rolls:
-        described = describe_corners(image, corners, roll, SUPPORT)
-        places = (
-            (_near(camera, corners, views.points, guess, _GUESS_RADIUS), None) if roll == 0.0 else (None,)
-        )
+        described = corners.described(roll)
+        places = (_near(camera, uv, views.points, guess, _GUESS_RADIUS), None) if roll == 0.0 else (None,)
         for near in places:
             landmark, corner = match_descriptors(
                 descriptors, views.owner, described, RATIO, MAX_DISTANCE, near
             )
-            first = pose_by_ransac(
-                views.points[landmark], corners[corner], camera, _CORNER_RESIDUAL, _ITERATIONS
-            )
+            first = pose_by_ransac(views.points[landmark], uv[corner], camera, _CORNER_RESIDUAL, _ITERATIONS)
             if first is None or len(first[1]) < _MIN_DESCRIPTORS:
                 continue
-            fix = confirmed(image, camera, first[0], views, settings, hidden)
+            fix = confirmed(corners.image, camera, first[0], views, corners.settings, corners.hidden)
             if fix is not None:
                 return fix
     return None
@@ -328,15 +351,6 @@ def _search_from(
     if hidden is not None:
         hit[hit] = ~hidden(result.uv[hit])
     return index[hit], result.uv[hit], len(index)
-
-
-def _corners(image: Image, settings: FrontendSettings, hidden: Hidden | None) -> Array:
-    """The strongest corners, dense enough that those of all landmarks may be among them."""
-    distance = max(2.0, _CORNER_DISTANCE * image.shape[1])
-    peaks = corner_peaks(image, settings.detect, distance, SIZE, False)
-    if hidden is not None:
-        peaks = peaks[~hidden(peaks)]
-    return refine_corners(image, peaks[:_CORNERS].astype(np.float64))
 
 
 def pose_of_agreeing(

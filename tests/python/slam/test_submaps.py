@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -288,6 +290,17 @@ def test_of_two_persons_both_errors_are_transferred(recording: SimulatedRecordin
     assert submap.with_transferred.shape == (3 * len(submap.ids), 13)
     saved = slam.saved_map()
     assert [len(numbers) for numbers in saved.submaps.transferred] == [13]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="niceness is a whole process's elsewhere")
+def test_work_beside_gives_way_to_the_frames() -> None:
+    def niceness() -> int:
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    before, task = niceness(), BackgroundTask[int]()
+    task.begin("one", niceness)
+    assert task.result("one", niceness) == min(19, before + 8)
+    assert niceness() == before
 
 
 def test_work_beside_gives_what_it_gives_and_raises_what_it_raises() -> None:

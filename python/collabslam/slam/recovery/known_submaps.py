@@ -11,7 +11,7 @@ import numpy as np
 from collabslam._core import Camera, adjoint, ray_angles
 from collabslam.formats.schema import Check, whole
 from collabslam.frontend.map_views import MapViews
-from collabslam.frontend.place_recognition import locate, most_alike
+from collabslam.frontend.place_recognition import ImageCorners, locate, most_alike
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import Recovered
 from collabslam.slam.recovery.inactive_map import InactiveMap
@@ -64,8 +64,9 @@ class KnownSubmaps(PersistentState):
         some = range(first, min(first + STRETCH, count))
         self._next = some.stop
         described = [chain.submaps[k].descriptors for k in some]
-        for k in most_alike(view.image, described, self._options, view.hidden)[:CANDIDATES]:
-            found = self._in(view, chain.submaps[some[k]])
+        corners = ImageCorners(view.image, self._options, view.hidden)
+        for k in most_alike(corners, described)[:CANDIDATES]:
+            found = self._in(corners, chain.submaps[some[k]])
             if found is not None and found.other_map is not None:
                 self._submaps.found_in(some[k], list(found.other_map))
                 return found
@@ -75,11 +76,10 @@ class KnownSubmaps(PersistentState):
         """The filter is in another map now."""
         self._submaps.elsewhere()
 
-    def _in(self, view: View, submap: Submap) -> Recovered | None:
+    def _in(self, corners: ImageCorners, submap: Submap) -> Recovered | None:
         there = as_map(submap)
         views = MapViews.of(there.points, there.views)
-        where = submap.pose, (0.0,), self._options
-        fix = locate(view.image, self._camera, views, submap.descriptors, *where, view.hidden)
+        fix = locate(corners, self._camera, views, submap.descriptors, submap.pose, (0.0,))
         return None if fix is None else self._relocaliser.enter(there, fix)
 
 

@@ -17,7 +17,14 @@ from collabslam.formats.schema import Check, items, number, optional, table, who
 from collabslam.frontend.describe import SUPPORT, Descriptors
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.place_recognition import MIN_PATCHES, Fix, confirmed, describe_views, locate
+from collabslam.frontend.place_recognition import (
+    MIN_PATCHES,
+    Fix,
+    ImageCorners,
+    confirmed,
+    describe_views,
+    locate,
+)
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.slam.recovery.inactive_map import InactiveMap, check_inactive_map
@@ -248,8 +255,8 @@ class Relocaliser(PersistentState):
             return None
         views = MapViews.of(points, by_landmark)
         descriptors = self._describe(views.patches)
-        where = self._core.pose, rolls, self._options
-        return locate(view.image, self._camera, views, descriptors, *where, view.hidden)
+        corners = ImageCorners(view.image, self._options, view.hidden)
+        return locate(corners, self._camera, views, descriptors, self._core.pose, rolls)
 
     def _recovered(
         self, ids: Ids, fix: Fix, report: UpdateReport, other_map: Mapping[int, Patch] | None = None

@@ -28,6 +28,7 @@ from collabslam.frontend.place_recognition import (
     MIN_PATCHES,
     MIN_VOTES,
     Fix,
+    ImageCorners,
     describe_views,
     locate,
     votes,
@@ -114,17 +115,18 @@ class LoopSearch:
 
     def _closed(self, chain: Chain, wanted: Wanted) -> Chain | None:
         """The chain with the first loop that is believed."""
+        corners = ImageCorners(wanted.image, self._options, self._mask)
         for first in _candidates(chain, wanted.alive):
-            closed = self._tried(chain, wanted, first)
+            closed = self._tried(chain, wanted, corners, first)
             if closed is not None:
                 return closed
         return None
 
-    def _tried(self, chain: Chain, wanted: Wanted, first: int) -> Chain | None:
+    def _tried(self, chain: Chain, wanted: Wanted, corners: ImageCorners, first: int) -> Chain | None:
         """The chain closed with a submap, if the image shows it where the graph allows it to be."""
         submap, second = chain.submaps[first], len(chain.submaps) - 1
         fresh = _fresh(submap, wanted.alive)
-        fix = self._located(chain, wanted, first, fresh)
+        fix = self._located(chain, corners, first, fresh)
         if fix is None:
             return None
         known = SubmapLandmarks(submap.points, submap.covariance, submap.with_transferred, submap.transferred)
@@ -153,15 +155,14 @@ class LoopSearch:
         used[landmarks[found.accepted]] = True
         return before.closed(loop, factor, used).solved
 
-    def _located(self, chain: Chain, wanted: Wanted, first: int, fresh: Ids) -> Fix | None:
+    def _located(self, chain: Chain, corners: ImageCorners, first: int, fresh: Ids) -> Fix | None:
         """Where in the submap the camera is, by the patches of its landmarks."""
         submap = chain.submaps[first]
         patches = submap.patches
         views = MapViews.of(submap.points[fresh], [[patches[i]] for i in fresh])
         expected = pose_inverse(chain.poses[first]) @ chain.poses[-1]
         descriptors = submap.descriptors[fresh]
-        where = expected, (0.0,), self._options
-        return locate(wanted.image, self._camera, views, descriptors, *where, self._mask)
+        return locate(corners, self._camera, views, descriptors, expected, (0.0,))
 
 
 def _described(chain: Chain) -> Chain:
