@@ -30,9 +30,9 @@ CAUSES = (GYRO, WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE, ATTITUDE
 
 _LAST = 30
 """Frames, and views of Cf, that the tests look back on."""
-_LAST_BIRTHS, _PASSING = 100, 70
-"""Frames that the test of new points looks back on, and those in which some must move still: few are new in
-a frame, and what slides slowly leaves few of them in thirty."""
+_LAST_BIRTHS = 100
+"""Frames that the test of new points looks back on: few are new in a frame, and what slides slowly leaves few
+of them in thirty."""
 _LEAST = 5
 """Frames, or views, that say something together."""
 _NO_VIEWS: dict[str, Any] = {
@@ -43,6 +43,8 @@ _NO_VIEWS: dict[str, Any] = {
 }
 _STRAYS = 0.01
 """Share of new points that may stray in a scene that stands still, by a wrong match."""
+_PASSING = 0.05
+"""Share of them that may be on what moves: so few landmarks are outvoted by the others."""
 
 
 class ConsistencyMonitor(PersistentState):
@@ -122,7 +124,7 @@ class ConsistencyMonitor(PersistentState):
             SIZE: self._size.inconsistent,
             JUMP: bool(self._jumps.any()),
             MATCHES: self._too_many_refused(self._matches),
-            MOVING: _still_too_many(self._births),
+            MOVING: _too_many(self._births, _STRAYS, least=_PASSING),
             NOISE: self._too_loud(),
         }
         return next((cause for cause in CAUSES if inconsistent.get(cause)), NOTHING)
@@ -180,21 +182,15 @@ class ConsistencyMonitor(PersistentState):
         return bool(len(self._noise) >= _LEAST and dof >= 1.0 and nis > chi2_quantile(SURE_LEVEL, dof))
 
 
-def _too_many(counts: Array, expected: float) -> bool:
-    """Whether more events than ``expected``, a share, of what there was show in (N, 2) counts of both."""
+def _too_many(counts: Array, expected: float, least: float = 0.0) -> bool:
+    """Whether more events than ``expected``, a share, of what there was show in (N, 2) counts of both.
+
+    They must be more than ``least`` of it, too, sure or not.
+    """
     events, all_ = counts.sum(axis=0)
-    if len(counts) < _LEAST or events < 1.0:
+    if len(counts) < _LEAST or events < 1.0 or events <= least * all_:
         return False
     return bool(0.5 * chi2_quantile(1.0 - SURE_LEVEL, 2.0 * events) > expected * all_)
-
-
-def _still_too_many(births: Array) -> bool:
-    """Whether too many new points moved in the last frames, by (N, 2) counts, and some still do.
-
-    What slides slowly over the image goes on, and leaves few points at a time; who passed by is gone.
-    """
-    strayed, new = births[-_PASSING:].sum(axis=0)
-    return bool(strayed > _STRAYS * new) and _too_many(births, _STRAYS)
 
 
 def _last(kept: Array, new: object, count: int) -> Array:
