@@ -12,11 +12,20 @@ use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
 use crate::observe::shutter::MOTION_DIM;
+use crate::scale::ScaleEstimate;
 use crate::settings::FirstPose;
 use nalgebra::{SMatrix, Vector2};
 
 /// Offset of the readout, and derivative of a pixel by it.
 type ByReadout = Option<(usize, Vector2<f64>)>;
+
+/// What a candidate in the present view is.
+enum Seen {
+    /// A point with baseline and parallax.
+    Point(Box<NewFeature>),
+    /// No point, or not yet.
+    Not(CandidateOutcome),
+}
 
 impl Filter {
     /// Starts candidates at pixels of the present view; returns their ids.
@@ -56,7 +65,8 @@ impl Filter {
         Ok(ids.collect())
     }
 
-    /// Observes candidates in the present view; those with enough baseline and parallax are born (DI-D).
+    /// Observes candidates in the present view; those with enough baseline and parallax are born (DI-D), and of those whose range
+    /// the poses hardly tell the best known ones, until `needed` are.
     ///
     /// # Errors
     /// `UnknownFeature` for an id that is not a candidate, `NonFinite` for a bad pixel, `InvalidInput` for an id given
@@ -64,6 +74,7 @@ impl Filter {
     pub fn observe_candidates(
         &mut self,
         seen: &[(u64, Vector2<f64>)],
+        needed: usize,
     ) -> Result<Vec<CandidateOutcome>, EkfError> {
         check_once(
             "candidates",
@@ -77,28 +88,57 @@ impl Filter {
             }
         }
         self.changes();
-        let outcomes = seen
-            .iter()
-            .map(|(id, uv)| {
-                let stands = self.stands(*id, uv);
-                let outcome = match self.try_delayed_birth(*id, uv) {
-                    CandidateOutcome::Waiting if stands => CandidateOutcome::Held,
-                    other => other,
-                };
-                if !outcome.waits() {
-                    self.memory.candidates.remove(id);
+        let views = seen.iter().map(|(id, uv)| self.delayed_birth(*id, uv));
+        let views: Vec<Seen> = views.collect();
+        let chosen = self.chosen(&views, needed);
+        let mut outcomes = Vec::with_capacity(seen.len());
+        for (k, ((id, uv), view)) in seen.iter().zip(views).enumerate() {
+            let stands = self.stands(*id, uv);
+            let outcome = match view {
+                Seen::Point(new) if chosen.contains(&k) => match self.append_feature(&new) {
+                    Some(block) => CandidateOutcome::Born(block.id),
+                    None => CandidateOutcome::Dropped,
+                },
+                Seen::Point(_) | Seen::Not(CandidateOutcome::Waiting) if stands => {
+                    CandidateOutcome::Held
                 }
-                outcome
-            })
-            .collect();
+                Seen::Point(_) => CandidateOutcome::Waiting,
+                Seen::Not(other) => other,
+            };
+            if !outcome.waits() {
+                self.memory.candidates.remove(id);
+            }
+            outcomes.push(outcome);
+        }
         Ok(outcomes)
     }
 
-    fn try_delayed_birth(&mut self, id: u64, seen: &Vector2<f64>) -> CandidateOutcome {
+    /// Which of the points that were seen are born: those whose range is known, and the best of the others until `needed` are.
+    fn chosen(&self, views: &[Seen], needed: usize) -> Vec<usize> {
+        let points = views.iter().enumerate();
+        let points = points.filter_map(|(k, view)| match view {
+            Seen::Point(new) => Some((k, new)),
+            Seen::Not(_) => None,
+        });
+        if needed >= views.len() {
+            return points.map(|(k, _)| k).collect();
+        }
+        let mut scale = None;
+        let mut points: Vec<(f64, usize)> = points
+            .map(|(k, new)| (self.range_sd(new, &mut scale), k))
+            .collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let largest = self.setup.settings.birth.max_rho_ratio;
+        let known = points.partition_point(|(sd, _)| *sd <= largest);
+        let count = known.max(needed.min(points.len()));
+        points[..count].iter().map(|(_, k)| *k).collect()
+    }
+
+    fn delayed_birth(&self, id: u64, seen: &Vector2<f64>) -> Seen {
         let candidate = &self.memory.candidates[&id];
         let now = self.memory.state.camera_pose();
         let Some((first, covariance)) = self.first_pose(candidate) else {
-            return CandidateOutcome::Dropped;
+            return Seen::Not(CandidateOutcome::Dropped);
         };
         let birth = &self.setup.settings.birth;
         let r_cw = quat::rotation(&now.q).transpose();
@@ -119,9 +159,9 @@ impl Filter {
             sigma,
             gate,
         ) {
-            Some(Held::RigFixed) if has_baseline => return CandidateOutcome::Fixed,
-            Some(_) => return CandidateOutcome::Held,
-            None if !has_baseline => return CandidateOutcome::Waiting,
+            Some(Held::RigFixed) if has_baseline => return Seen::Not(CandidateOutcome::Fixed),
+            Some(_) => return Seen::Not(CandidateOutcome::Held),
+            None if !has_baseline => return Seen::Not(CandidateOutcome::Waiting),
             None => {}
         }
         let camera = &self.setup.camera;
@@ -145,13 +185,13 @@ impl Filter {
             Some(Leaving::new(&ray, &first_ray, &now, &first))
         };
         let Some((leaving, rolled)) = leaving_at(0.0).zip(leaving_at(1.0)) else {
-            return CandidateOutcome::Waiting;
+            return Seen::Not(CandidateOutcome::Waiting);
         };
         let by_poses = self.sd_by_poses(&leaving, &covariance);
         let sd = by_poses.hypot(rolled.angle - leaving.angle);
         let allowed = pixels + pixels.max(4.0 * sd);
         if leaving.angle > allowed {
-            return CandidateOutcome::OffArc(leaving.angle / allowed);
+            return Seen::Not(CandidateOutcome::OffArc(leaving.angle / allowed));
         }
         // Once more with the range that the pixels have without the rolling.
         let found = intersect(&uv, &first_uv).and_then(|view| {
@@ -161,13 +201,13 @@ impl Filter {
             Some((view, unrolled, first_uv, first_by_readout))
         });
         let Some((view, unrolled, first_uv, first_by_readout)) = found else {
-            return CandidateOutcome::Waiting;
+            return Seen::Not(CandidateOutcome::Waiting);
         };
         if view.parallax < birth.min_parallax.to_radians() {
-            return CandidateOutcome::Waiting;
+            return Seen::Not(CandidateOutcome::Waiting);
         }
         if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
-            return CandidateOutcome::Waiting;
+            return Seen::Not(CandidateOutcome::Waiting);
         }
         let [warp, first_warp] =
             [&unrolled.uv, &first_uv].map(|uv| self.setup.camera.warp_jacobian(uv));
@@ -179,10 +219,39 @@ impl Filter {
         new.share_readout(&by_first_pixel, first_by_readout);
         new.depend_on_first_pose(&now, &first, &view, covariance);
         new.follow_own_range(&unrolled);
-        match self.append_feature(&new) {
-            Some(block) => CandidateOutcome::Born(block.id),
-            None => CandidateOutcome::Dropped,
+        Seen::Point(Box::new(new))
+    }
+
+    /// Relative standard deviation of a newborn's range by pixels, poses and calibration; beside the map's scale, if that is less:
+    /// a scale that nobody knows does not bend what is seen from poses that share it.
+    fn range_sd(&self, new: &NewFeature, scale: &mut Option<ScaleEstimate>) -> f64 {
+        let largest = self.setup.settings.birth.max_rho_ratio;
+        let state = &self.memory.state;
+        let by_rho = new.rho_by_state(state.calibration());
+        let mut variance = new.noise[(5, 5)];
+        for (i, by) in &by_rho {
+            for (j, other) in &by_rho {
+                variance += by * other * state.p.get(*i, *j);
+            }
         }
+        let alone = variance.max(0.0).sqrt() / new.mean[5];
+        if alone <= largest {
+            return alone;
+        }
+        if scale.is_none() {
+            *scale = ScaleEstimate::of(state);
+        }
+        let Some(scale) = scale else {
+            return alone;
+        };
+        let slots = state.covariance().stored().slots;
+        let common: f64 = by_rho
+            .iter()
+            .map(|(i, by)| by * scale.along[slots[*i]])
+            .sum();
+        // The logarithms of a range and of its inverse have opposite signs.
+        let beside = alone * alone + 2.0 * common / new.mean[5] + scale.variance;
+        alone.min(beside.max(0.0).sqrt())
     }
 
     /// Whether the image has a candidate where it was first seen, within four sigma of two pixels.
