@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import threading
@@ -58,7 +59,8 @@ class _Work(Generic[T]):
 
     def _run_aside(self) -> None:
         if sys.platform == "linux":  # elsewhere niceness is a whole process's
-            os.nice(_NICENESS)
+            with contextlib.suppress(OSError):  # a sandbox may forbid it
+                os.nice(_NICENESS)
         self._run()
 
     def _run(self) -> None:
