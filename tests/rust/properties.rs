@@ -64,7 +64,6 @@ impl Pair {
             ("estimator.mode", name("mono")),
             ("validate.test", name("none")),
             ("map.max_features", Value::Int(6)),
-            ("birth.max_rho_ratio", Value::Float(10.0)),
             ("birth.undelayed_rho_sd", Value::Float(0.1)),
             ("process.start_velocity_sd", Value::Float(0.3)),
             ("process.start_angular_velocity_sd", Value::Float(0.1)),
@@ -203,7 +202,7 @@ impl Pair {
                 seen.push((*id, now + Vector2::new(0.3 * s, -0.2)));
             }
         }
-        let outcomes = self.filter.observe_candidates(&seen, 0).unwrap();
+        let outcomes = self.filter.observe_candidates(&seen, seen.len()).unwrap();
         for ((id, uv), outcome) in seen.iter().zip(outcomes) {
             if let CandidateOutcome::Born(feature) = outcome {
                 let (clone, first) = self.first[id];

@@ -236,23 +236,6 @@ impl NewFeature {
         self.by_pixel = all * self.by_pixel;
     }
 
-    /// Which numbers of the state rho depends on, and its derivatives by them; `calibration` is where the error of Cs's calibration
-    /// begins. A number may come more than once.
-    pub(crate) fn rho_by_state(&self, calibration: Option<usize>) -> Vec<(usize, f64)> {
-        let own = self.by_pose.row(5).into_owned();
-        let calibrated = self.by_calibration.row(5).into_owned();
-        let pose = own.iter().enumerate().map(|(i, by)| (i, *by));
-        let others = self.by_others.iter().flat_map(|part| {
-            let row = part.by.row(5).into_owned();
-            (0..part.width).map(move |i| (part.offset + i, row[i]))
-        });
-        let calibration = calibration
-            .into_iter()
-            .flat_map(|offset| (0..6).map(move |i| (offset + i, calibrated[i])));
-        let all = pose.chain(others).chain(calibration);
-        all.filter(|(_, by)| *by != 0.0).collect()
-    }
-
     /// Makes a feature seen in one view depend on the pose of the candidate's first view, not on the present pose.
     pub fn seen_from_first_pose(&mut self, first_pose: FirstPoseCovariance<'_>) {
         let by = std::mem::replace(&mut self.by_pose, SMatrix::zeros());

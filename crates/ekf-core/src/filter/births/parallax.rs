@@ -15,6 +15,10 @@ use crate::observe::shutter::MOTION_DIM;
 use crate::scale::ScaleEstimate;
 use crate::settings::FirstPose;
 use nalgebra::{SMatrix, Vector2};
+use std::cell::OnceCell;
+
+/// Which of a feature's numbers its inverse range is.
+const RHO: usize = 5;
 
 /// Offset of the readout, and derivative of a pixel by it.
 type ByReadout = Option<(usize, Vector2<f64>)>;
@@ -123,9 +127,9 @@ impl Filter {
         if needed >= views.len() {
             return points.map(|(k, _)| k).collect();
         }
-        let mut scale = None;
+        let scale = OnceCell::new();
         let mut points: Vec<(f64, usize)> = points
-            .map(|(k, new)| (self.range_sd(new, &mut scale), k))
+            .map(|(k, new)| (self.range_sd(new, &scale), k))
             .collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let largest = self.setup.settings.birth.max_rho_ratio;
@@ -224,33 +228,27 @@ impl Filter {
 
     /// Relative standard deviation of a newborn's range by pixels, poses and calibration; beside the map's scale, if that is less:
     /// a scale that nobody knows does not bend what is seen from poses that share it.
-    fn range_sd(&self, new: &NewFeature, scale: &mut Option<ScaleEstimate>) -> f64 {
-        let largest = self.setup.settings.birth.max_rho_ratio;
+    fn range_sd(&self, new: &NewFeature, scale: &OnceCell<Option<ScaleEstimate>>) -> f64 {
         let state = &self.memory.state;
-        let by_rho = new.rho_by_state(state.calibration());
-        let mut variance = new.noise[(5, 5)];
-        for (i, by) in &by_rho {
-            for (j, other) in &by_rho {
-                variance += by * other * state.p.get(*i, *j);
-            }
-        }
-        let alone = variance.max(0.0).sqrt() / new.mean[5];
-        if alone <= largest {
+        let parts = self.parts_of(new);
+        let variance = state.covariance_of(&parts, &new.noise)[(RHO, RHO)];
+        let alone = variance.max(0.0).sqrt() / new.mean[RHO];
+        if alone <= self.setup.settings.birth.max_rho_ratio {
             return alone;
         }
-        if scale.is_none() {
-            *scale = ScaleEstimate::of(state);
-        }
-        let Some(scale) = scale else {
+        let Some(scale) = scale.get_or_init(|| ScaleEstimate::of(state)) else {
             return alone;
         };
         let slots = state.covariance().stored().slots;
-        let common: f64 = by_rho
+        let common: f64 = parts
             .iter()
-            .map(|(i, by)| by * scale.along[slots[*i]])
+            .flat_map(|part| {
+                (0..part.width)
+                    .map(|k| part.matrix[6 * k + RHO] * scale.along[slots[part.offset + k]])
+            })
             .sum();
         // The logarithms of a range and of its inverse have opposite signs.
-        let beside = alone * alone + 2.0 * common / new.mean[5] + scale.variance;
+        let beside = alone * alone + 2.0 * common / new.mean[RHO] + scale.variance;
         alone.min(beside.max(0.0).sqrt())
     }
 
