@@ -1084,19 +1084,19 @@ class Filter:
         """Whether the gyroscope told how the camera turned in the last prediction, for most of its time;
         until a frame is measured.
         """
-    def expect_speed(self, speed: float, sd: float) -> None:
-        """Says how fast the camera usually goes.  Where two frames at least were not used before the present
-        one and its speed is known less well than that, it is measured so (METHOD 28).
+    def expect_velocity(self, velocity: ArrayLike, sd: ArrayLike) -> None:
+        """Says how the camera usually goes.  What is known less well than that is measured, to be known as
+        well, where the map in view does not tell it (METHOD 28).
 
         Parameters
         ----------
-        speed, sd : float
-            m/s, and its standard deviation.
+        velocity, sd : (3,) array
+            Along its own axes, m/s, and the standard deviation of each.
 
         Raises
         ------
         InputError
-            Before the start, and for numbers that are no speed.
+            Before the start, and for numbers that are no velocity.
         """
     @property
     def follows_gyro(self) -> bool | None:

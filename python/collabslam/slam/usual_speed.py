@@ -1,7 +1,7 @@
-"""How fast the camera usually goes.
+"""How the camera usually goes.
 
-After it has seen nothing that is how fast it goes, and bounds what it is told (METHOD 28); and it tells which
-of two maps has the right size (METHOD 22).
+After it has seen nothing that is how it goes, and bounds what it is told (METHOD 28); and it tells which of
+two maps has the right size (METHOD 22).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _LAST, _LEAST = 300, 50
 """Frames that tell the usual speed: the last ones, and how many there must be."""
 _BAND, _WIDER = (0.2, 0.8), 1.15
 """Quantiles of the speeds between which one is usual, and by how much more it may be off."""
+_NOW = 5
+"""Trusted frames that tell how fast it went at last: the very last before a lapse may be wrong already."""
 _STEADY = 0.7
 """Least of the slower of them over the faster of a camera that goes at one speed."""
-_SDS = 1.68
-"""Between those quantiles, of a normal distribution."""
 _LEAST_SD = 0.1
-"""Of the speed after frames that showed nothing, as a share: it may have changed meanwhile."""
+"""Of each part of the velocity after frames that showed nothing, as a share of the speed."""
 _AFTER = 5.0
 """Seconds after a frame that was refused in which the map's size is in doubt."""
 
@@ -43,13 +43,13 @@ class UsualSpeed(PersistentState):
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
-        "_speeds": array("<f8", None),
+        "_velocities": array("<f8", None, 3),
         "_refused": optional(number(-LAST_TIME, LAST_TIME)),
     }
 
     def __init__(self, core: Filter) -> None:
         self._filter = core
-        self._speeds: Array = np.empty(0)
+        self._velocities: Array = np.empty((0, 3))  # along its own axes, m/s
         self._refused: float | None = None
 
     def most(self, t: float) -> float | None:
@@ -59,7 +59,7 @@ class UsualSpeed(PersistentState):
         """
         if not self.doubts(t) or not self._filter.followed_gyro:
             return None
-        return _FASTER * float(np.quantile(self._speeds, _USUAL))
+        return _FASTER * float(np.quantile(self._speeds(), _USUAL))
 
     def doubts(self, t: float) -> bool:
         """Whether a map that grows at ``t`` has its size from the speed alone.
@@ -67,29 +67,31 @@ class UsualSpeed(PersistentState):
         After frames that a camera did not use, whose turn a gyroscope tells, and which went as usual before.
         """
         refused = self._refused is not None and t - self._refused <= _AFTER
-        return refused and len(self._speeds) >= _LEAST and self._filter.follows_gyro is True
+        return refused and len(self._velocities) >= _LEAST and self._filter.follows_gyro is True
 
     def _went_as_usual(self) -> bool:
         """Whether the camera goes at one speed, and does so now: one that was at rest may start."""
-        if len(self._speeds) < _LEAST:
+        if len(self._velocities) < _LEAST:
             return False
         low, _, high = self._usual()
-        return bool(low >= _STEADY * high > 0.0 and self.is_usual(self._speed()))
+        now = float(np.median(self._speeds()[-_NOW:]))
+        return bool(low >= _STEADY * high > 0.0 and self.is_usual(now))
 
     def expect(self, t: float) -> None:
-        """Tells the filter, which has predicted a frame at ``t``, how fast the camera goes unseen.
+        """Tells the filter, which has predicted a frame at ``t``, how the camera goes unseen.
 
         Not in a gap of the gyroscope, where it may have turned.
         """
         if self._filter.started and self._filter.followed_gyro and self.doubts(t):
-            low, speed, high = self._usual()
-            if speed <= 0.0:  # of a checkpoint of somebody else's
-                return
-            self._filter.expect_speed(speed, max((high - low) / _SDS, _LEAST_SD * speed))
+            velocity = np.median(self._velocities, axis=0)
+            spread = np.sqrt(np.square(self._velocities - velocity).mean(axis=0))
+            least = _LEAST_SD * float(np.linalg.norm(velocity))
+            if least > 0.0:  # it is not of a checkpoint of somebody else's
+                self._filter.expect_velocity(velocity, np.maximum(spread, least))
 
     def is_usual(self, speed: float) -> bool | None:
         """Whether the camera goes at a ``speed`` (m/s) as it mostly does; None where that is not known."""
-        if len(self._speeds) < _LEAST:
+        if len(self._velocities) < _LEAST:
             return None
         low, _, high = self._usual()
         return bool(low / _WIDER <= speed <= high * _WIDER)
@@ -114,12 +116,16 @@ class UsualSpeed(PersistentState):
         elif not accepted and (self.doubts(t) or self._went_as_usual()):
             self._refused = t
         if trusted and not bounded:
-            self._speeds = np.append(self._speeds, self._speed())[-_LAST:]
+            now = self._filter.twist[:3]
+            self._velocities = np.concatenate([self._velocities, now[None]])[-_LAST:]
 
     def _usual(self) -> tuple[float, float, float]:
         """Where the usual speeds begin, their median, and where they end, m/s."""
-        low, median, high = np.quantile(self._speeds, [_BAND[0], 0.5, _BAND[1]]).tolist()
+        low, median, high = np.quantile(self._speeds(), [_BAND[0], 0.5, _BAND[1]]).tolist()
         return low, median, high
+
+    def _speeds(self) -> Array:
+        return np.asarray(np.linalg.norm(self._velocities, axis=1))
 
     def _speed(self) -> float:
         return float(np.linalg.norm(self._filter.velocity))

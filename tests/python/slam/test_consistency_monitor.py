@@ -26,7 +26,9 @@ VIEW = WornView(np.zeros((4, 4), np.uint8), np.eye(4), np.diag([9e-4] * 3 + [1e-
 
 def map_size(speed: float = 1.0, known: int = 0) -> tuple[MapSize, Any]:
     """What is known of a map, and the camera in it, which has gone at a speed (m/s) for many frames."""
-    core: Any = SimpleNamespace(followed_gyro=False, velocity=np.array([0.0, 0.0, speed]), doubted=[])
+    velocity = np.array([0.0, 0.0, speed])
+    twist = np.concatenate([velocity, np.zeros(3)])
+    core: Any = SimpleNamespace(followed_gyro=False, velocity=velocity, twist=twist, doubted=[])
     core.doubt_length = lambda number, sd: core.doubted.append((number, sd))
     usual = UsualSpeed(core)
     for k in range(known):

@@ -19,6 +19,17 @@ pub struct MeasurementBlock {
 }
 
 impl MeasurementBlock {
+    /// Rows that no feature has a part in.
+    pub(crate) fn of_camera(rows: Rows) -> Self {
+        Self {
+            rows,
+            id: 0,
+            feature: 0,
+            shared: None,
+            told: None,
+        }
+    }
+
     /// The same rows, linearised at the mean `x`, with the innovation that is expected from the mean `prior`.
     pub(crate) fn expected_from(mut self, x: &[f64], prior: &[f64]) -> Self {
         let by_pose = self.rows.by_pose.as_slice().as_chunks::<3>().0;

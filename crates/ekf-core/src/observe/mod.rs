@@ -9,4 +9,5 @@ pub mod shutter;
 pub use feature::{FEATURE_DIM, FeatureState};
 pub use point::{POSE_DIM, PointInCamera};
 pub use rows::Rows;
+pub(crate) use rows::VelocityRows;
 pub use shutter::{ByMotion, Shutter};

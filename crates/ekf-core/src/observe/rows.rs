@@ -34,6 +34,9 @@ pub struct Rows {
     pub roll: Option<f64>,
 }
 
+/// Derivative of the velocity along the camera's own axes by `[q v]`.
+pub(crate) type VelocityRows = SMatrix<f64, 3, 7>;
+
 /// Rows of a pixel.
 const PIXEL: usize = 2;
 
@@ -125,6 +128,37 @@ impl Rows {
             by_shared: worn.map(|(_, j)| -j),
             roll: None,
         })
+    }
+
+    /// The camera's velocity along its own axes, m/s; `noise` are the variances. `readout` is any number of the state, on which it
+    /// does not depend.
+    pub(crate) fn velocity(
+        innovation: Vector3<f64>,
+        by: &VelocityRows,
+        noise: &Vector3<f64>,
+        readout: usize,
+    ) -> Self {
+        let mut by_pose = SMatrix::<f64, 3, 7>::zeros();
+        let mut by_motion = SMatrix::<f64, 3, MOTION_DIM>::zeros();
+        by_pose
+            .fixed_columns_mut::<4>(3)
+            .copy_from(&by.fixed_columns::<4>(0));
+        by_motion
+            .fixed_columns_mut::<3>(0)
+            .copy_from(&by.fixed_columns::<3>(4));
+        Self {
+            count: 3,
+            innovation,
+            noise: Matrix3::from_diagonal(noise),
+            by_pose,
+            by_motion: Some(ByMotion {
+                readout,
+                by: by_motion,
+            }),
+            by_feature: SMatrix::zeros(),
+            by_shared: None,
+            roll: None,
+        }
     }
 
     /// The last three of six numbers that matches share, measured by another sensor.

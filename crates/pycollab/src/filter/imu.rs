@@ -91,20 +91,27 @@ impl PyFilter {
         self.read(py, |f| Ok(f.followed_gyro()))
     }
 
-    /// Says how fast the camera usually goes.  Where two frames at least were not used before the present
-    /// one and its speed is known less well than that, it is measured so (METHOD 28).
+    /// Says how the camera usually goes.  What is known less well than that is measured, to be known as
+    /// well, where the map in view does not tell it (METHOD 28).
     ///
     /// Parameters
     /// ----------
-    /// speed, sd : float
-    ///     m/s, and its standard deviation.
+    /// velocity, sd : (3,) array
+    ///     Along its own axes, m/s, and the standard deviation of each.
     ///
     /// Raises
     /// ------
     /// InputError
-    ///     Before the start, and for numbers that are no speed.
-    fn expect_speed(&self, py: Python<'_>, speed: f64, sd: f64) -> PyResult<()> {
-        self.write(py, |f| f.expect_speed(speed, sd))
+    ///     Before the start, and for numbers that are no velocity.
+    fn expect_velocity(
+        &self,
+        py: Python<'_>,
+        velocity: Argument<'_>,
+        sd: Argument<'_>,
+    ) -> PyResult<()> {
+        let velocity = vector::<3>("velocity", &velocity)?;
+        let sd = vector::<3>("sd", &sd)?;
+        self.write(py, |f| f.expect_velocity(&velocity, &sd))
     }
 
     /// Whether the gyroscope is followed where it says something; False once it was dropped.  None without

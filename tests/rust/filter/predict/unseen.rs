@@ -1,16 +1,10 @@
-//! A camera that sees nothing for a moment: its velocity turns with it, and its speed is the usual one (METHOD 28).
+//! A camera that sees nothing for a moment: its velocity turns with it, and it goes as it usually does (METHOD 28).
 
 use super::imu::Run;
 use crate::scene::{Trajectory, warm};
 use ekf_core::EkfError;
-use nalgebra::Matrix3;
-
-fn speed_sd(run: &Run) -> (f64, f64) {
-    let v = run.filter.state().velocity();
-    let ahead = v.normalize();
-    let p: Matrix3<f64> = run.filter.state().covariance().block(7, 7);
-    (v.norm(), (p * ahead).dot(&ahead).sqrt())
-}
+use ekf_core::math::quat;
+use nalgebra::{Matrix3, SMatrix, Vector3, Vector4};
 
 /// A camera that was seen to move, and has been in the dark for as many frames.
 fn in_the_dark(frames: u32) -> Run {
@@ -50,28 +44,62 @@ fn without_a_gyroscope_it_stays_as_it_was() {
     assert!((dark.filter.state().velocity() - was).norm() < 1e-12);
 }
 
+/// How the velocity along the camera's axes hangs on attitude and velocity.
+fn along_its_axes(run: &Run) -> SMatrix<f64, 3, 7> {
+    let state = run.filter.state();
+    let q = Vector4::from_fn(|i, _| state.mean()[3 + i]);
+    let mut by = SMatrix::<f64, 3, 7>::zeros();
+    let turned = quat::rotate_inverse_jacobian(&q, &state.velocity());
+    by.fixed_columns_mut::<4>(0).copy_from(&turned);
+    by.fixed_columns_mut::<3>(4)
+        .copy_from(&run.filter.pose().0.transpose());
+    by
+}
+
+fn sds(run: &Run, by: &SMatrix<f64, 3, 7>) -> Vector3<f64> {
+    let p: SMatrix<f64, 7, 7> = run.filter.state().covariance().block(3, 3);
+    (by * p * by.transpose()).diagonal().map(f64::sqrt)
+}
+
+fn velocity(run: &Run) -> Vector3<f64> {
+    run.filter.pose().0.transpose() * run.filter.state().velocity()
+}
+
 #[test]
-fn a_speed_that_is_known_less_well_than_the_usual_one_is_measured() {
+fn a_velocity_that_is_known_less_well_than_the_usual_one_is_measured() {
     let mut run = in_the_dark(12);
-    let (_, before) = speed_sd(&run);
-    let pose = (run.filter.pose(), run.filter.pose_covariance());
-    run.filter.expect_speed(0.6, 0.05).unwrap();
-    let (speed, sd) = speed_sd(&run);
-    assert!(before > 0.3, "{before}");
-    assert!((speed - 0.6).abs() < 0.05, "{speed}");
-    assert!((0.04..0.06).contains(&sd), "{sd}");
-    assert_eq!(pose, (run.filter.pose(), run.filter.pose_covariance()));
+    let by = along_its_axes(&run);
+    assert!(sds(&run, &by).min() > 0.3);
+    let usual = velocity(&run) + Vector3::new(0.1, -0.1, 0.1);
+    let pose_sd = run.filter.pose_covariance().trace();
+    run.filter
+        .expect_velocity(&usual, &Vector3::repeat(0.05))
+        .unwrap();
+    assert!((velocity(&run) - usual).norm() < 0.02, "{}", velocity(&run));
+    let sd = sds(&run, &by);
+    assert!(sd.min() > 0.04 && sd.max() < 0.051, "{sd}");
+    // Where it went meanwhile is known better with it.
+    assert!(run.filter.pose_covariance().trace() < 0.9 * pose_sd);
     run.filter.check().expect("sound");
-    let n = run.filter.state().mean().len();
-    for i in 7..10 {
-        for j in (0..n).filter(|j| !(7..10).contains(j)) {
-            assert_eq!(run.filter.state().covariance().get(i, j), 0.0);
-        }
-    }
     // Known as well as that now: it is not measured twice.
     let again = run.filter.clone();
-    run.filter.expect_speed(0.9, 0.06).unwrap();
+    let off = velocity(&run) + Vector3::repeat(0.1);
+    run.filter
+        .expect_velocity(&off, &Vector3::repeat(0.06))
+        .unwrap();
     assert_eq!(again.state().mean(), run.filter.state().mean());
+}
+
+#[test]
+fn what_is_known_better_along_one_axis_stays() {
+    let mut run = in_the_dark(12);
+    let by = along_its_axes(&run);
+    let before = sds(&run, &by);
+    let sd = Vector3::new(100.0, 0.05, 100.0);
+    run.filter.expect_velocity(&velocity(&run), &sd).unwrap();
+    let after = sds(&run, &by);
+    assert!(after[1] < 0.051, "{after}");
+    assert!(after[0] > 0.5 * before[0] && after[2] > 0.5 * before[2]);
 }
 
 #[test]
@@ -79,28 +107,42 @@ fn it_is_not_where_the_camera_has_just_been_seen() {
     for frames in [0, 2] {
         let mut run = in_the_dark(frames);
         let before = run.filter.state().mean().to_vec();
-        run.filter.expect_speed(9.0, 0.01).unwrap();
+        let (far, sd) = (Vector3::repeat(9.0), Vector3::repeat(0.01));
+        run.filter.expect_velocity(&far, &sd).unwrap();
         assert_eq!(before, run.filter.state().mean());
     }
 }
 
 #[test]
-fn what_is_no_speed_is_refused() {
+fn it_is_where_no_landmark_of_known_depth_was_found() {
+    for gone in [false, true] {
+        let mut run = in_the_dark(0);
+        if gone {
+            let all: Vec<u64> = run.filter.feature_ids().collect();
+            run.filter.remove_features(&all).unwrap();
+        }
+        run.predict();
+        let before = run.filter.state().velocity();
+        let (far, sd) = (Vector3::repeat(9.0), Vector3::repeat(0.01));
+        run.filter.expect_velocity(&far, &sd).unwrap();
+        assert_eq!(run.filter.state().velocity() != before, gone);
+    }
+}
+
+#[test]
+fn what_is_no_velocity_is_refused() {
     let mut run = in_the_dark(4);
     let before = run.filter.state().mean().to_vec();
-    for (speed, sd) in [
-        (0.0, 1.0),
-        (1.0, 0.0),
-        (f64::NAN, 1.0),
-        (1.0, f64::INFINITY),
-    ] {
-        let error = run.filter.expect_speed(speed, sd).unwrap_err();
-        assert!(matches!(
-            error,
-            EkfError::InvalidInput { what: "speed", .. }
-        ));
+    for (velocity, sd) in [(1.0, 0.0), (f64::NAN, 1.0), (1.0, f64::INFINITY)] {
+        let (velocity, sd) = (Vector3::repeat(velocity), Vector3::new(1.0, 1.0, sd));
+        let error = run.filter.expect_velocity(&velocity, &sd).unwrap_err();
+        let EkfError::InvalidInput { what, .. } = error else {
+            panic!("{error}");
+        };
+        assert_eq!(what, "velocity");
     }
     assert_eq!(before, run.filter.state().mean());
     let mut early = Run::new(3, Trajectory::Lively);
-    assert!(early.filter.expect_speed(1.0, 0.1).is_err());
+    let (velocity, sd) = (Vector3::z(), Vector3::repeat(0.1));
+    assert!(early.filter.expect_velocity(&velocity, &sd).is_err());
 }

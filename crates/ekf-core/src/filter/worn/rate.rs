@@ -33,12 +33,10 @@ impl Filter {
         let noise = Matrix3::identity() * of_rate + rate * rate.transpose() * sd.powi(2);
         let turned: Vector3<f64> = self.memory.state.part(roll + 3);
         let rows = Rows::shared_turn(rate * readout - turned, noise);
+        let block = MeasurementBlock::of_camera(rows);
         Ok(MeasurementBlock {
-            rows,
-            id: 0,
-            feature: 0,
             shared: Some(roll),
-            told: None,
+            ..block
         })
     }
 }
