@@ -35,7 +35,7 @@ _AFTER = 5.0
 
 
 class UsualSpeed(PersistentState):
-    """Knows the speeds of frames that were trusted.
+    """Knows the velocities of frames that were trusted.
 
     Parameters
     ----------
@@ -70,10 +70,10 @@ class UsualSpeed(PersistentState):
         return refused and len(self._velocities) >= _LEAST and self._filter.follows_gyro is True
 
     def _went_as_usual(self) -> bool:
-        """Whether the camera goes at one speed, and does so now: one that was at rest may start."""
+        """Whether the camera goes at one speed, and did so at last: one that was at rest may start."""
         if len(self._velocities) < _LEAST:
             return False
-        low, _, high = self._usual()
+        low, high = self._usual()
         now = float(np.median(self._speeds()[-_NOW:]))
         return bool(low >= _STEADY * high > 0.0 and self.is_usual(now))
 
@@ -93,7 +93,7 @@ class UsualSpeed(PersistentState):
         """Whether the camera goes at a ``speed`` (m/s) as it mostly does; None where that is not known."""
         if len(self._velocities) < _LEAST:
             return None
-        low, _, high = self._usual()
+        low, high = self._usual()
         return bool(low / _WIDER <= speed <= high * _WIDER)
 
     def take(self, t: float, *, accepted: bool, lost: bool, trusted: bool) -> None:
@@ -119,13 +119,10 @@ class UsualSpeed(PersistentState):
             now = self._filter.twist[:3]
             self._velocities = np.concatenate([self._velocities, now[None]])[-_LAST:]
 
-    def _usual(self) -> tuple[float, float, float]:
-        """Where the usual speeds begin, their median, and where they end, m/s."""
-        low, median, high = np.quantile(self._speeds(), [_BAND[0], 0.5, _BAND[1]]).tolist()
-        return low, median, high
+    def _usual(self) -> tuple[float, float]:
+        """Where the usual speeds begin and end, m/s."""
+        low, high = np.quantile(self._speeds(), _BAND).tolist()
+        return low, high
 
     def _speeds(self) -> Array:
         return np.asarray(np.linalg.norm(self._velocities, axis=1))
-
-    def _speed(self) -> float:
-        return float(np.linalg.norm(self._filter.velocity))

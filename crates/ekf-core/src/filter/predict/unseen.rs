@@ -9,7 +9,7 @@ use crate::settings::{MotionModel, ProcessSettings};
 use crate::state::Learned;
 use nalgebra::{SMatrix, Vector3};
 
-/// Frames predicted since the last one that was used, from which on the speed is what the camera usually does.
+/// Frames predicted since the last one that was used, from which on the map in view is taken to tell no speed.
 const UNSEEN: u32 = 3;
 /// Where the attitude stands, and after it the velocity.
 const ATTITUDE: usize = 3;
@@ -29,7 +29,7 @@ impl Filter {
 
     /// Says how the camera usually goes: its velocity along its own axes, m/s, with the standard deviation of each. What is
     /// known less well than that is measured, to be known as well, where the map in view does not tell it: after two frames that
-    /// were not used, or where most of what the last one found has a guessed depth.
+    /// were not used, or where the last one found fewer landmarks of known depth than a frame needs.
     ///
     /// # Errors
     /// `InvalidInput` before the start, or for numbers that are no velocity; `NotPositiveDefinite` and `Unsound` as an update.
