@@ -97,7 +97,7 @@ fn births(c: &mut Criterion, n: usize, sway: &Sway) {
         let z = ahead.measure();
         ahead.filter.update(&z).expect("valid measurements");
         let seen: Vec<_> = ids.iter().copied().zip(ahead.pixels(4)).collect();
-        let outcomes = ahead.filter.clone().observe_candidates(&seen, 4);
+        let outcomes = ahead.filter.clone().observe_candidates(&seen);
         if outcomes.expect("candidates").iter().all(born) {
             break seen;
         }
@@ -105,7 +105,7 @@ fn births(c: &mut Criterion, n: usize, sway: &Sway) {
     c.bench_function(&format!("birth, delayed, 4 at once/N={n}"), |b| {
         b.iter_batched_ref(
             || ahead.filter.clone(),
-            |filter: &mut Filter| filter.observe_candidates(&seen, 4).expect("candidates"),
+            |filter: &mut Filter| filter.observe_candidates(&seen).expect("candidates"),
             BatchSize::LargeInput,
         );
     });

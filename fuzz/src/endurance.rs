@@ -202,7 +202,7 @@ impl Scene {
                 seen.push((id, uv));
             }
         }
-        let outcomes = self.filter.observe_candidates(&seen, 0).map_err(text)?;
+        let outcomes = self.filter.observe_candidates(&seen).map_err(text)?;
         for ((id, _), outcome) in seen.iter().zip(outcomes) {
             if let ekf_core::CandidateOutcome::Born(feature) = outcome {
                 self.points.insert(feature, self.waiting[id]);

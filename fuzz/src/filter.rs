@@ -279,9 +279,7 @@ impl Life {
         if bytes.rough && bytes.below(16) == 0 {
             seen.push((bytes.byte().into(), Vector2::new(50.0, 60.0)));
         }
-        self.filter
-            .observe_candidates(&seen, bytes.below(8))
-            .map(|_| ())
+        self.filter.observe_candidates(&seen).map(|_| ())
     }
 
     fn promote(&mut self, bytes: &mut Bytes<'_>) -> Result<(), EkfError> {

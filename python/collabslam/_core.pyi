@@ -899,15 +899,13 @@ class Filter:
         InputError
             For a wrong shape, NaN, or before the start.
         """
-    def observe_candidates(self, ids: ArrayLike, uv: ArrayLike, needed: int) -> CandidateReport:
+    def observe_candidates(self, ids: ArrayLike, uv: ArrayLike) -> CandidateReport:
         """Observes candidates (METHOD 5, delayed).
 
         Parameters
         ----------
         ids, uv : (N,) int64, (N, 2) float64
             Candidates found in Cs and their pixels.
-        needed : int
-            Births until which those are born, too, whose range the poses hardly tell, the best known first.
 
         Returns
         -------

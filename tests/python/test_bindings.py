@@ -143,12 +143,12 @@ CALLS: dict[str, tuple[Callable[[Filter], object], str]] = {
     "depth sigma rows": (lambda f: _depth(f, np.ones(1), np.ones(2)), "sigma has shape"),
     "candidate nan": (lambda f: f.add_candidates(NAN_UV), "pixel"),
     "candidate columns": (lambda f: f.add_candidates(np.zeros((1, 3))), "uv has shape"),
-    "candidate unknown": (lambda f: f.observe_candidates(UNKNOWN, ONE_UV, 0), "candidate with id 1000000"),
+    "candidate unknown": (lambda f: f.observe_candidates(UNKNOWN, ONE_UV), "candidate with id 1000000"),
     "candidate promoted unknown": (lambda f: f.promote_candidates(UNKNOWN), "candidate with id 1000000"),
     "candidate promoted twice": (lambda f: f.promote_candidates(f.candidates[[0, 0]]), "twice"),
-    "candidate seen nan": (lambda f: f.observe_candidates(f.candidates[:1], NAN_UV, 0), "pixel"),
-    "candidate rows": (lambda f: f.observe_candidates(f.candidates[:1], NO_UV, 0), "uv has shape"),
-    "candidate twice": (lambda f: f.observe_candidates(f.candidates[[0, 0]], np.zeros((2, 2)), 0), "twice"),
+    "candidate seen nan": (lambda f: f.observe_candidates(f.candidates[:1], NAN_UV), "pixel"),
+    "candidate rows": (lambda f: f.observe_candidates(f.candidates[:1], NO_UV), "uv has shape"),
+    "candidate twice": (lambda f: f.observe_candidates(f.candidates[[0, 0]], np.zeros((2, 2))), "twice"),
     "undelayed nan": (lambda f: f.add_undelayed(NAN_UV), "pixel"),
     "undelayed columns": (lambda f: f.add_undelayed(np.zeros((1, 3))), "uv has shape"),
     "remove unknown": (lambda f: f.remove_features(np.append(_one(f), UNKNOWN)), "id 1000000"),
@@ -235,8 +235,8 @@ def test_a_candidate_given_twice_does_not_panic_at_its_birth() -> None:
     uv = CS.project(POINTS - step).uv
     core.update(ids, ids, uv)
     with pytest.raises(InputError, match="twice"):
-        core.observe_candidates(np.repeat(candidates, 2), np.repeat(uv[:1], 2, axis=0), 0)
-    assert core.observe_candidates(candidates, uv[:1], 0).born >= 0
+        core.observe_candidates(np.repeat(candidates, 2), np.repeat(uv[:1], 2, axis=0))
+    assert core.observe_candidates(candidates, uv[:1]).born >= 0
 
 
 def _wander(seed: int) -> tuple[object, ...]:

@@ -120,7 +120,7 @@ impl Pair {
             }
             if frame % 20 == 19 {
                 let ids: Vec<(u64, _)> = filter.candidate_ids().zip(pixels.clone()).collect();
-                filter.observe_candidates(&ids, 0).unwrap();
+                filter.observe_candidates(&ids).unwrap();
             }
             if frame % 9 == 8 {
                 filter.manage_map(&[]);

@@ -47,7 +47,7 @@ fn run(mode: &str, consistency: &str, steps: usize, seed: u64) -> (Filter, Traff
                 seen.push((id, uv));
             }
         }
-        let outcomes = filter.observe_candidates(&seen, 0).expect("candidates");
+        let outcomes = filter.observe_candidates(&seen).expect("candidates");
         for ((candidate, _), outcome) in seen.iter().zip(outcomes) {
             if let CandidateOutcome::Born(id) = outcome {
                 known.insert(id, waiting[candidate]);

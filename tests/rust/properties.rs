@@ -202,7 +202,7 @@ impl Pair {
                 seen.push((*id, now + Vector2::new(0.3 * s, -0.2)));
             }
         }
-        let outcomes = self.filter.observe_candidates(&seen, seen.len()).unwrap();
+        let outcomes = self.filter.observe_candidates(&seen).unwrap();
         for ((id, uv), outcome) in seen.iter().zip(outcomes) {
             if let CandidateOutcome::Born(feature) = outcome {
                 let (clone, first) = self.first[id];

@@ -138,7 +138,7 @@ class CoreRun:
             del self._waiting[i]
         if self._waiting:
             numbers, ids = list(self._waiting.values()), np.array(list(self._waiting), np.int64)
-            born = f.observe_candidates(ids, self._pixels(frame, numbers), len(ids)).born
+            born = f.observe_candidates(ids, self._pixels(frame, numbers)).born
             self._adopt(born, numbers)
         for i in f.manage_map():
             del self.features[int(i)]

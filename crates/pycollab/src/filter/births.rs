@@ -84,8 +84,6 @@ impl PyFilter {
     /// ----------
     /// ids, uv : (N,) int64, (N, 2) float64
     ///     Candidates found in Cs and their pixels.
-    /// needed : int
-    ///     Births until which those are born, too, whose range the poses hardly tell, the best known first.
     ///
     /// Returns
     /// -------
@@ -100,12 +98,11 @@ impl PyFilter {
         py: Python<'_>,
         ids: Argument<'_>,
         uv: Argument<'_>,
-        needed: usize,
     ) -> PyResult<CandidateReport> {
         let (ids, uv) = (self::ids("ids", &ids)?, pixels("uv", &uv)?);
         same_length("uv", ids.len(), uv.len())?;
         let seen: Vec<_> = ids.into_iter().zip(uv).collect();
-        let outcomes = self.write(py, |f| f.observe_candidates(&seen, needed))?;
+        let outcomes = self.write(py, |f| f.observe_candidates(&seen))?;
         let born = |o: &CandidateOutcome| match o {
             CandidateOutcome::Born(id) => Some(*id),
             _ => None,

@@ -59,12 +59,11 @@ class MapManager:
         mode = settings.filter.estimator.mode
         self._undelayed = mode == "mono-undelayed"
         self._vague_below = scarce_below(settings)
-        self._least = settings.filter.lost.min_matches
-        self._alone = mode.startswith("mono")
-        if self._alone:
+        if mode.startswith("mono"):
             # Features of unknown depth say little about the scale, and without Cf nothing else would: metres
             # would be their guess.  An arbitrary unit drifts, which is less than not to know where one is.
-            self._vague_below = 0 if start.metric else min(2 * self._least, self._vague_below)
+            least = 2 * settings.filter.lost.min_matches
+            self._vague_below = 0 if start.metric else min(least, self._vague_below)
 
     def missing(self, found: TrackingResult) -> int:
         """How many features the view lacks."""
@@ -78,17 +77,13 @@ class MapManager:
         earlier = overlap.earlier_births(report, self._filter, view.t)
         measured = depths.births(report)
         self._filter.drop_candidates(np.concatenate([found.lost, used]))
-        matched = int(report.bearings.accepted.sum()) + len(instant) + len(earlier) + len(measured)
-        # With Cf a map that was begun wrong is measured before long.
-        needed = max(self._least - matched, 0) if self._alone else len(found.candidates)
-        observed = self._observe(found, used, needed)
+        observed = self._observe(found, used)
         delayed = observed.delayed
         deleted = self._filter.manage_map(self._printed.kept())
-        printed = self._printed.births() if self._filter.started else ImagePoints()
-        instant = instant.with_more(printed)
-        matched += len(printed) + len(delayed)
+        instant = instant.with_more(self._printed.births() if self._filter.started else ImagePoints())
+        matched = report.bearings.accepted.sum() + len(instant) + len(earlier) + len(measured) + len(delayed)
         alike = self._usual.doubts(view.t)
-        promoted = self._promote_oldest(found, observed.held, self._vague_below - matched, alike=alike)
+        promoted = self._promote_oldest(found, observed.held, self._vague_below - int(matched), alike=alike)
         waiting = np.isin(found.candidates, self._filter.candidates)
         kept = ~np.isin(found.ids, deleted)
         became = np.isin(found.candidates, [*delayed, *promoted])
@@ -133,11 +128,11 @@ class MapManager:
         self._filter.remove_features(gone)
         return replace(change, deleted=np.concatenate([change.deleted, gone]))
 
-    def _observe(self, found: TrackingResult, used: Ids, needed: int) -> _Observed:
-        """Candidates that were found, but for those of births with depth; ``needed`` are to be born."""
+    def _observe(self, found: TrackingResult, used: Ids) -> _Observed:
+        """Candidates that were found, but for those that births with depth use up."""
         rest = ~np.isin(found.candidates, used)
         ids, uv = found.candidates[rest], found.candidate_uv[rest]
-        report = self._filter.observe_candidates(ids, uv, needed)
+        report = self._filter.observe_candidates(ids, uv)
         off_arc = report.off_arc[report.off_arc > 0.0]
         return _Observed(_by_candidate(ids, report.born), off_arc, ids[report.held], uv[report.fixed])
 

@@ -1,8 +1,6 @@
 //! Covariances of births and of triangulated points against Monte Carlo, and when births wait.
 
-use crate::scene::{
-    DT, Scene, Warm, name, normal, normals, rng, settings, warm, warm_in, worn_covariance,
-};
+use crate::scene::{DT, Scene, Warm, name, normal, normals, rng, settings, warm, worn_covariance};
 use ekf_core::CandidateOutcome;
 use ekf_core::birth::held::{Held, held};
 use ekf_core::birth::two_view::TwoView;
@@ -234,10 +232,7 @@ type Tracked = (u64, usize, Vector2<f64>);
 
 /// Candidates at the nearer points, then `frames` of motion.
 fn delayed(changes: &[(&str, Value)], frames: usize) -> (Warm, Vec<Tracked>) {
-    delayed_in(warm(24, changes), frames)
-}
-
-fn delayed_in(mut warm: Warm, frames: usize) -> (Warm, Vec<Tracked>) {
+    let mut warm = warm(24, changes);
     warm.update(false);
     let pose = warm.scene.pose(warm.t);
     let near = (0..warm.scene.points.len()).filter(|&p| warm.scene.points[p].z < 6.0);
@@ -267,11 +262,6 @@ fn see(warm: &mut Warm, tracked: &[Tracked]) -> Vec<(u64, Vector2<f64>)> {
         .iter()
         .filter_map(|&(id, point, _)| Some((id, warm.scene.pixel(&pose, point)?)))
         .collect()
-}
-
-fn observe(warm: &mut Warm, seen: &[(u64, Vector2<f64>)], needed: usize) -> Vec<CandidateOutcome> {
-    let outcomes = warm.filter.observe_candidates(seen, needed);
-    outcomes.expect("candidates")
 }
 
 fn clones(filter: &Filter) -> usize {
@@ -430,7 +420,7 @@ fn delayed_births_depend_on_both_poses() {
     given.extend(clone.range());
     given.extend(&indices_of(&warm.filter, old)[3..]);
     let gaussian = Gaussian::of(&warm.filter, &given);
-    let outcomes = observe(&mut warm, &seen, 0);
+    let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
     let camera = warm.scene.camera.clone();
     let mut rng = rng(25);
     let mut tested = 0;
@@ -481,9 +471,9 @@ fn independent_first_pose_needs_no_clone() {
     let (twin, _) = delayed(&changes[1..], 20);
     assert_eq!(clones(&twin.filter), 1);
     let seen = see(&mut warm, &tracked);
-    let outcomes = observe(&mut warm, &seen, 0);
+    let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
     let mut twin = twin;
-    let cloned = observe(&mut twin, &seen, 0);
+    let cloned = twin.filter.observe_candidates(&seen).expect("candidates");
     // The same geometry; only the stated covariance differs, as the common error of both poses counts as baseline.
     let mut born = 0;
     for (a, b) in outcomes.iter().zip(&cloned) {
@@ -505,7 +495,7 @@ fn births_wait_for_parallax_and_the_clone_waits_with_them() {
     let (mut warm, tracked) = delayed(&[("birth.min_parallax", Value::Float(4.0))], 1);
     let size = warm.filter.map_size();
     let seen = see(&mut warm, &tracked);
-    let outcomes = observe(&mut warm, &seen, 0);
+    let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
     assert!(outcomes.iter().all(CandidateOutcome::waits), "{outcomes:?}");
     assert_eq!(warm.filter.map_size(), size);
     assert_eq!(warm.filter.candidate_count(), tracked.len());
@@ -514,9 +504,13 @@ fn births_wait_for_parallax_and_the_clone_waits_with_them() {
         warm.update(false);
     }
     let seen = see(&mut warm, &tracked);
-    let outcomes = observe(&mut warm, &seen, 0);
-    assert!(born(&outcomes) >= 3);
-    assert_eq!(warm.filter.map_size(), size + born(&outcomes));
+    let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
+    let born = outcomes
+        .iter()
+        .filter(|o| matches!(o, CandidateOutcome::Born(_)))
+        .count();
+    assert!(born >= 3);
+    assert_eq!(warm.filter.map_size(), size + born);
     // One candidate keeps the clone alive; without any it goes.
     let keep = seen.iter().zip(&outcomes).find(|(_, o)| o.waits());
     let keep = keep.expect("a far one waits").0.0;
@@ -541,50 +535,6 @@ fn births_wait_for_parallax_and_the_clone_waits_with_them() {
     assert_eq!(warm.filter.state().mean().len(), dim - 7);
 }
 
-fn born(outcomes: &[CandidateOutcome]) -> usize {
-    let born = outcomes
-        .iter()
-        .filter(|o| matches!(o, CandidateOutcome::Born(_)));
-    born.count()
-}
-
-/// However much parallax the pixels show: a depth from a baseline that nobody knows is linearised anywhere.
-#[test]
-fn births_wait_until_the_baseline_is_known() {
-    for blind in [0, 2] {
-        let (mut warm, tracked) = delayed(&[], 14);
-        for _ in 0..blind {
-            warm.next_frame();
-        }
-        let seen = see(&mut warm, &tracked);
-        let born_of = |needed: usize| {
-            let outcomes = warm.filter.clone().observe_candidates(&seen, needed);
-            born(&outcomes.expect("candidates"))
-        };
-        let (known, points) = (born_of(0), born_of(seen.len()));
-        assert!(points >= 3, "{points}");
-        assert_eq!(known, if blind > 0 { 0 } else { points });
-        // However little is known, as many as are needed.
-        assert_eq!(born_of(2), known.max(2));
-    }
-}
-
-/// T_CF may be half or twice as long: a baseline is then, too, and so is the whole map.
-#[test]
-fn births_do_not_wait_for_the_scale() {
-    let mut scene = Scene::new(24, 30);
-    scene.worn_covariance = worn_covariance() / 100.0;
-    for axis in 0..3 {
-        scene.worn_covariance[(axis, axis)] = 0.5_f64.powi(2);
-    }
-    let (mut warm, tracked) = delayed_in(warm_in(scene, &[]), 20);
-    let landmarks = warm.filter.landmarks();
-    assert!(landmarks.iter().all(|landmark| landmark.rho_ratio > 0.4));
-    let seen = see(&mut warm, &tracked);
-    let outcomes = observe(&mut warm, &seen, 0);
-    assert!(born(&outcomes) >= 3, "{outcomes:?}");
-}
-
 /// The rays of a wrong match pass each other: its candidate is dropped, where a right one with a poor pixel is born.
 #[test]
 fn a_match_off_the_plane_of_both_views_is_no_birth() {
@@ -595,7 +545,7 @@ fn a_match_off_the_plane_of_both_views_is_no_birth() {
         let mut seen = see(&mut warm, &tracked);
         seen.iter_mut().for_each(|(_, uv)| uv.y -= up);
         let size = warm.filter.map_size();
-        let outcomes = observe(&mut warm, &seen, 0);
+        let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
         (outcomes, warm.filter.map_size() - size)
     };
     let (right, born) = outcomes(0.0);
@@ -633,7 +583,7 @@ fn what_moves_against_the_parallax_does_not_wait() {
         });
         let seen: Vec<_> = moved.collect();
         let size = warm.filter.map_size();
-        let outcomes = observe(&mut warm, &seen, 0);
+        let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
         assert_eq!(warm.filter.map_size(), size, "{outcomes:?}");
         outcomes
     };
@@ -654,7 +604,7 @@ fn what_is_fixed_to_the_camera_is_no_birth() {
     let mut still: Vec<(u64, Vector2<f64>)> = tracked.iter().map(|t| (t.0, t.2)).collect();
     // Noise of a pixel is not a motion.
     still.iter_mut().for_each(|(_, uv)| uv.x += 0.9);
-    let outcomes = observe(&mut warm, &still, 0);
+    let outcomes = warm.filter.observe_candidates(&still).expect("candidates");
     let is = |outcome| outcomes.iter().filter(|o| **o == outcome).count();
     let (held, fixed) = (is(CandidateOutcome::Held), is(CandidateOutcome::Fixed));
     assert_eq!(warm.filter.map_size(), size, "{outcomes:?}");
@@ -675,7 +625,7 @@ fn what_stands_in_the_image_is_held() {
         (ids[0], first[0] + Vector2::new(4.0, -3.0)),
         (ids[1], first[1] + Vector2::new(5.0, -3.0)),
     ];
-    let outcomes = observe(&mut warm, &seen, 0);
+    let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
     assert_eq!(
         outcomes,
         [CandidateOutcome::Held, CandidateOutcome::Waiting]

@@ -68,9 +68,7 @@ impl Walk {
             .iter()
             .filter_map(|id| Some((*id, self.scene.pixel(&pose, *self.pixels.get(id)?)?)))
             .collect();
-        self.filter
-            .observe_candidates(&seen, 0)
-            .expect("candidates");
+        self.filter.observe_candidates(&seen).expect("candidates");
         if k.is_multiple_of(3) {
             let points: Vec<usize> = (0..5).map(|i| (7 * k + i) % 90).collect();
             let some: Vec<(usize, Vector2<f64>)> = points

@@ -143,7 +143,7 @@ fn watch(
             .filter_map(|(&id, &k)| Some((id, scene.rolling_pixel(t, k)?)))
             .collect();
         let before = filter.clone();
-        let outcomes = filter.observe_candidates(&pixels, 0).expect("they wait");
+        let outcomes = filter.observe_candidates(&pixels).expect("they wait");
         for ((id, _), outcome) in pixels.iter().zip(&outcomes) {
             if !outcome.waits() {
                 waiting.remove(id);

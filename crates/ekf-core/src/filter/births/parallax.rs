@@ -12,24 +12,11 @@ use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
 use crate::observe::shutter::MOTION_DIM;
-use crate::scale::ScaleEstimate;
 use crate::settings::FirstPose;
 use nalgebra::{SMatrix, Vector2};
-use std::cell::OnceCell;
-
-/// Which of a feature's numbers its inverse range is.
-const RHO: usize = 5;
 
 /// Offset of the readout, and derivative of a pixel by it.
 type ByReadout = Option<(usize, Vector2<f64>)>;
-
-/// What a candidate in the present view is.
-enum Seen {
-    /// A point with baseline and parallax.
-    Point(Box<NewFeature>),
-    /// No point, or not yet.
-    Not(CandidateOutcome),
-}
 
 impl Filter {
     /// Starts candidates at pixels of the present view; returns their ids.
@@ -69,8 +56,7 @@ impl Filter {
         Ok(ids.collect())
     }
 
-    /// Observes candidates in the present view; those with enough baseline and parallax are born (DI-D), and of those whose range
-    /// the poses hardly tell the best known ones, until `needed` are.
+    /// Observes candidates in the present view; those with enough baseline and parallax are born (DI-D).
     ///
     /// # Errors
     /// `UnknownFeature` for an id that is not a candidate, `NonFinite` for a bad pixel, `InvalidInput` for an id given
@@ -78,7 +64,6 @@ impl Filter {
     pub fn observe_candidates(
         &mut self,
         seen: &[(u64, Vector2<f64>)],
-        needed: usize,
     ) -> Result<Vec<CandidateOutcome>, EkfError> {
         check_once(
             "candidates",
@@ -92,57 +77,28 @@ impl Filter {
             }
         }
         self.changes();
-        let views = seen.iter().map(|(id, uv)| self.delayed_birth(*id, uv));
-        let views: Vec<Seen> = views.collect();
-        let chosen = self.chosen(&views, needed);
-        let mut outcomes = Vec::with_capacity(seen.len());
-        for (k, ((id, uv), view)) in seen.iter().zip(views).enumerate() {
-            let stands = self.stands(*id, uv);
-            let outcome = match view {
-                Seen::Point(new) if chosen.contains(&k) => match self.append_feature(&new) {
-                    Some(block) => CandidateOutcome::Born(block.id),
-                    None => CandidateOutcome::Dropped,
-                },
-                Seen::Point(_) | Seen::Not(CandidateOutcome::Waiting) if stands => {
-                    CandidateOutcome::Held
+        let outcomes = seen
+            .iter()
+            .map(|(id, uv)| {
+                let stands = self.stands(*id, uv);
+                let outcome = match self.try_delayed_birth(*id, uv) {
+                    CandidateOutcome::Waiting if stands => CandidateOutcome::Held,
+                    other => other,
+                };
+                if !outcome.waits() {
+                    self.memory.candidates.remove(id);
                 }
-                Seen::Point(_) => CandidateOutcome::Waiting,
-                Seen::Not(other) => other,
-            };
-            if !outcome.waits() {
-                self.memory.candidates.remove(id);
-            }
-            outcomes.push(outcome);
-        }
+                outcome
+            })
+            .collect();
         Ok(outcomes)
     }
 
-    /// Which of the points that were seen are born: those whose range is known, and the best of the others until `needed` are.
-    fn chosen(&self, views: &[Seen], needed: usize) -> Vec<usize> {
-        let points = views.iter().enumerate();
-        let points = points.filter_map(|(k, view)| match view {
-            Seen::Point(new) => Some((k, new)),
-            Seen::Not(_) => None,
-        });
-        if needed >= views.len() {
-            return points.map(|(k, _)| k).collect();
-        }
-        let scale = OnceCell::new();
-        let mut points: Vec<(f64, usize)> = points
-            .map(|(k, new)| (self.range_sd(new, &scale), k))
-            .collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let largest = self.setup.settings.birth.max_rho_ratio;
-        let known = points.partition_point(|(sd, _)| *sd <= largest);
-        let count = known.max(needed.min(points.len()));
-        points[..count].iter().map(|(_, k)| *k).collect()
-    }
-
-    fn delayed_birth(&self, id: u64, seen: &Vector2<f64>) -> Seen {
+    fn try_delayed_birth(&mut self, id: u64, seen: &Vector2<f64>) -> CandidateOutcome {
         let candidate = &self.memory.candidates[&id];
         let now = self.memory.state.camera_pose();
         let Some((first, covariance)) = self.first_pose(candidate) else {
-            return Seen::Not(CandidateOutcome::Dropped);
+            return CandidateOutcome::Dropped;
         };
         let birth = &self.setup.settings.birth;
         let r_cw = quat::rotation(&now.q).transpose();
@@ -163,9 +119,9 @@ impl Filter {
             sigma,
             gate,
         ) {
-            Some(Held::RigFixed) if has_baseline => return Seen::Not(CandidateOutcome::Fixed),
-            Some(_) => return Seen::Not(CandidateOutcome::Held),
-            None if !has_baseline => return Seen::Not(CandidateOutcome::Waiting),
+            Some(Held::RigFixed) if has_baseline => return CandidateOutcome::Fixed,
+            Some(_) => return CandidateOutcome::Held,
+            None if !has_baseline => return CandidateOutcome::Waiting,
             None => {}
         }
         let camera = &self.setup.camera;
@@ -189,13 +145,13 @@ impl Filter {
             Some(Leaving::new(&ray, &first_ray, &now, &first))
         };
         let Some((leaving, rolled)) = leaving_at(0.0).zip(leaving_at(1.0)) else {
-            return Seen::Not(CandidateOutcome::Waiting);
+            return CandidateOutcome::Waiting;
         };
         let by_poses = self.sd_by_poses(&leaving, &covariance);
         let sd = by_poses.hypot(rolled.angle - leaving.angle);
         let allowed = pixels + pixels.max(4.0 * sd);
         if leaving.angle > allowed {
-            return Seen::Not(CandidateOutcome::OffArc(leaving.angle / allowed));
+            return CandidateOutcome::OffArc(leaving.angle / allowed);
         }
         // Once more with the range that the pixels have without the rolling.
         let found = intersect(&uv, &first_uv).and_then(|view| {
@@ -205,13 +161,13 @@ impl Filter {
             Some((view, unrolled, first_uv, first_by_readout))
         });
         let Some((view, unrolled, first_uv, first_by_readout)) = found else {
-            return Seen::Not(CandidateOutcome::Waiting);
+            return CandidateOutcome::Waiting;
         };
         if view.parallax < birth.min_parallax.to_radians() {
-            return Seen::Not(CandidateOutcome::Waiting);
+            return CandidateOutcome::Waiting;
         }
         if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
-            return Seen::Not(CandidateOutcome::Waiting);
+            return CandidateOutcome::Waiting;
         }
         let [warp, first_warp] =
             [&unrolled.uv, &first_uv].map(|uv| self.setup.camera.warp_jacobian(uv));
@@ -223,33 +179,10 @@ impl Filter {
         new.share_readout(&by_first_pixel, first_by_readout);
         new.depend_on_first_pose(&now, &first, &view, covariance);
         new.follow_own_range(&unrolled);
-        Seen::Point(Box::new(new))
-    }
-
-    /// Relative standard deviation of a newborn's range by pixels, poses and calibration; beside the map's scale, if that is less:
-    /// a scale that nobody knows does not bend what is seen from poses that share it.
-    fn range_sd(&self, new: &NewFeature, scale: &OnceCell<Option<ScaleEstimate>>) -> f64 {
-        let state = &self.memory.state;
-        let parts = self.parts_of(new);
-        let variance = state.covariance_of(&parts, &new.noise)[(RHO, RHO)];
-        let alone = variance.max(0.0).sqrt() / new.mean[RHO];
-        if alone <= self.setup.settings.birth.max_rho_ratio {
-            return alone;
+        match self.append_feature(&new) {
+            Some(block) => CandidateOutcome::Born(block.id),
+            None => CandidateOutcome::Dropped,
         }
-        let Some(scale) = scale.get_or_init(|| ScaleEstimate::of(state)) else {
-            return alone;
-        };
-        let slots = state.covariance().stored().slots;
-        let common: f64 = parts
-            .iter()
-            .flat_map(|part| {
-                (0..part.width)
-                    .map(|k| part.matrix[6 * k + RHO] * scale.along[slots[part.offset + k]])
-            })
-            .sum();
-        // The logarithms of a range and of its inverse have opposite signs.
-        let beside = alone * alone + 2.0 * common / new.mean[RHO] + scale.variance;
-        alone.min(beside.max(0.0).sqrt())
     }
 
     /// Whether the image has a candidate where it was first seen, within four sigma of two pixels.

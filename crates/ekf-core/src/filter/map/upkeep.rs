@@ -15,8 +15,11 @@ const MIN_FOUND_SHARE: f64 = 0.4;
 const MIN_SEARCHES: usize = 8;
 
 impl Filter {
-    /// A newborn feature's derivatives by the parts of the state.
-    pub(crate) fn parts_of<'a>(&self, new: &'a NewFeature) -> Vec<LinearPart<'a>> {
+    /// Puts a newborn feature into the state, if its numbers are ones that the state may hold.
+    pub(crate) fn append_feature(&mut self, new: &NewFeature) -> Option<Block> {
+        if !guard::newborn_is_sane(new) {
+            return None;
+        }
         let mut parts = vec![LinearPart {
             offset: 0,
             width: POSE_DIM,
@@ -27,20 +30,13 @@ impl Filter {
             width: part.width,
             matrix: &part.by.as_slice()[..6 * part.width],
         }));
-        parts.extend(self.memory.state.calibration().map(|offset| LinearPart {
-            offset,
-            width: 6,
-            matrix: new.by_calibration.as_slice(),
-        }));
-        parts
-    }
-
-    /// Puts a newborn feature into the state, if its numbers are ones that the state may hold.
-    pub(crate) fn append_feature(&mut self, new: &NewFeature) -> Option<Block> {
-        if !guard::newborn_is_sane(new) {
-            return None;
+        if let Some(offset) = self.memory.state.calibration() {
+            parts.push(LinearPart {
+                offset,
+                width: 6,
+                matrix: new.by_calibration.as_slice(),
+            });
         }
-        let parts = self.parts_of(new);
         let block = self
             .memory
             .state
