@@ -1,4 +1,4 @@
-"""One run of a rendered world, with a gyroscope or without one, and what came of it."""
+"""Runs of a rendered world, with a gyroscope or without one, and what came of them."""
 
 from __future__ import annotations
 
@@ -44,8 +44,27 @@ class Piece:
 
     @property
     def stem(self) -> str:
-        """Begins the name of its file."""
+        """What it is called."""
         return f"{self.world}-{self.mode}-{self.kind or 'none'}-{self.seed}"
+
+
+@dataclass(frozen=True)
+class OfWorld:
+    """All runs of a world: one process does them, so that it is rendered once.
+
+    Attributes
+    ----------
+    world : str
+    pieces : tuple of Piece
+    """
+
+    world: str
+    pieces: tuple[Piece, ...]
+
+    @property
+    def stem(self) -> str:
+        """Begins the name of its file."""
+        return self.world
 
 
 @dataclass(frozen=True)
@@ -113,9 +132,13 @@ class _Timed(Slam):
         self.samples += 1
 
 
-def ran(piece: Piece) -> str:
-    """The work of a child process: a `Score` as JSON."""
-    world = world_recording(piece.world, piece.seed)
+def ran(group: OfWorld) -> str:
+    """The work of a child process: a list of `Score` as JSON."""
+    return json.dumps([asdict(_score(piece)) for piece in group.pieces])
+
+
+def _score(piece: Piece) -> Score:
+    world = world_recording(piece.world, piece.seed, keep=True)
     gyro = None
     if piece.kind:
         noise = np.random.default_rng([_SEED, world.recipe.seed, piece.seed])
@@ -130,7 +153,7 @@ def ran(piece: Piece) -> str:
     result = run(recording, mode=piece.mode, start="worn", settings=settings, slam=slam, watch=watch.frame)
     summary, record = result.summary, result.record
     path = float(summary["path_length_m"])
-    score = Score(
+    return Score(
         end_pct=100.0 * float(summary["final_position_error_m"]) / path,
         heading_deg=abs(float(summary["heading_error_final_deg"])),
         mean_pct=100.0 * float(summary["avg_position_error_all_m"]) / path,
@@ -144,12 +167,14 @@ def ran(piece: Piece) -> str:
         ms_predict=float(np.median(record.diagnostic("ms_predict"))),
         us_sample=1e6 * slam.seconds / max(slam.samples, 1),
     )
-    return json.dumps(asdict(score))
 
 
-def parsed(_: Piece, content: Any) -> Score:
-    """The `Score` of its JSON."""
-    return Score(**{f.name: float(content[f.name]) for f in fields(Score)})
+def parsed(group: OfWorld, content: Any) -> list[Score]:
+    """The `Score` of each piece, of their JSON."""
+    scores = [Score(**{f.name: float(one[f.name]) for f in fields(Score)}) for one in content]
+    if len(scores) != len(group.pieces):
+        raise ValueError(f"{len(scores)} scores of {len(group.pieces)} runs")
+    return scores
 
 
 class _Watch:

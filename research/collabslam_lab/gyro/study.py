@@ -13,7 +13,7 @@ import numpy as np
 from collabslam.batch.engines import LOCAL, Engine
 from collabslam.formats.files import write_text
 from collabslam.runs.results import jsonable
-from collabslam_lab.gyro.pieces import Piece, Score, parsed, ran
+from collabslam_lab.gyro.pieces import OfWorld, Piece, Score, parsed, ran
 from collabslam_lab.gyro.simulated import RATE as SAMPLES_RATE
 from collabslam_lab.kept import Task, kept
 from collabslam_lab.report import markdown_table
@@ -48,12 +48,12 @@ def study_gyro(
     quick: bool = False,
     engine: Engine = LOCAL,
 ) -> dict[str, Any]:
-    """Runs all worlds with and without a gyroscope, writes ``gyro.json`` and ``gyro.md``, prints the table.
+    """Runs all worlds with and without a gyroscope, writes ``gyro.json`` and ``gyro.md``, prints the tables.
 
     Parameters
     ----------
     folder : Path
-        For ``gyro.json`` and, in ``runs``, what came of each run; those that are there are not done again.
+        For ``gyro.json`` and, in ``runs``, what came of each world; those that are there are not done again.
     seeds : sequence of int, optional
         Of all noise; ten of them if left out, one if ``quick``.
     kind : str
@@ -67,20 +67,25 @@ def study_gyro(
     """
     groups = worlds_of(quick=quick)
     drawn = seeds or ((0,) if quick else _SEEDS)
-    pieces = [
-        Piece(world, seed, mode, gyro, _QUICK_FRAMES if quick else None)
+    works = [
+        OfWorld(
+            world,
+            tuple(
+                Piece(world, seed, mode, gyro, _QUICK_FRAMES if quick else None)
+                for seed in drawn
+                for mode in MODES
+                for gyro in ("", kind)
+            ),
+        )
         for worlds in groups.values()
         for world in worlds
-        for seed in drawn
-        for mode in MODES
-        for gyro in ("", kind)
     ]
-    task = Task(ran, parsed, lambda _, score: f"{score.end_pct:.1f} % at the end", "gyroscope", "run")
-    scores = kept(task, pieces, folder / "runs", jobs=jobs, engine=engine, progress=True)
-    rows = list(zip(pieces, scores, strict=True))
+    task = Task(ran, parsed, _said, "gyroscope", "world")
+    scores = kept(task, works, folder / "runs", jobs=jobs, engine=engine, progress=True)
+    rows = [row for work, of in zip(works, scores, strict=True) for row in zip(work.pieces, of, strict=True)]
     numbers = summary(groups, rows, kind)
     write_text(folder / "gyro.json", json.dumps(jsonable(numbers), indent=1, sort_keys=True) + "\n")
-    text = table(groups, rows)
+    text = table(groups, rows) + "\n\n" + trajectories_table(groups["trajectories"], rows)
     write_text(folder / "gyro.md", text + "\n")
     print(text)
     return numbers
@@ -134,6 +139,33 @@ def table(groups: dict[str, list[str]], rows: Sequence[Row]) -> str:
             cells = [f"{scale * float(of(_values(some, name))):.2f}" for name, of, scale in columns]
             lines.append([group, mode, gyro or "none", *(cell.replace("nan", "-") for cell in cells)])
     return markdown_table(head, lines)
+
+
+def trajectories_table(worlds: Sequence[str], rows: Sequence[Row]) -> str:
+    """`TIGHT` with the gyroscope, trajectory by trajectory: mean and worst of the draws."""
+    head = ["world", "end, %", "mean error, %", "heading, deg", "OK, %", "false OK, %", "NEES (6)"]
+    columns: list[tuple[str, Callable[..., Any], float]] = [
+        ("end_pct", np.max, 1.0),
+        ("mean_pct", np.max, 1.0),
+        ("heading_deg", np.max, 1.0),
+        ("ok", np.min, 100.0),
+        ("false_ok", np.max, 100.0),
+        ("nees", np.max, 1.0),
+    ]
+    told = [row for row in rows if row[0].mode == TIGHT and row[0].kind]
+    lines = []
+    for name, some in [*((w, [w]) for w in worlds), ("all", worlds)]:
+        of_world = _of(told, some)
+        cells = []
+        for column, worst, scale in columns:
+            values = scale * np.array(_values(of_world, column))
+            cells.append(f"{np.mean(values):.1f}, {worst(values):.1f}")
+        lines.append([name, *cells])
+    return markdown_table(head, lines)
+
+
+def _said(_: OfWorld, scores: Sequence[Score]) -> str:
+    return f"{np.mean([score.end_pct for score in scores]):.1f} % at the end"
 
 
 def _of(rows: Sequence[Row], worlds: Sequence[str]) -> list[Row]:

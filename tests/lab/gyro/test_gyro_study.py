@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
+import pytest
 
 from collabslam.geometry import rotation_exp
-from collabslam_lab.gyro.pieces import Piece, Score
+from collabslam_lab.gyro.pieces import OfWorld, Piece, Score, parsed
 from collabslam_lab.gyro.simulated import KINDS, R_CI, simulated_gyro, true_rates
-from collabslam_lab.gyro.study import summary, table, worlds_of
+from collabslam_lab.gyro.study import summary, table, trajectories_table, worlds_of
 
 TIMES = np.arange(0.0, 3.0, 0.1)
 
@@ -72,3 +74,16 @@ def test_the_summary_is_of_the_runs_that_it_names():
     assert len(lines) == 2 + 3 * 4
     assert "phone" in lines[3]
     assert " - " in lines[2]
+    way = groups["trajectories"][0]
+    lines = trajectories_table(groups["trajectories"], rows).splitlines()
+    assert len(lines) == 2 + 1 + 1
+    assert lines[2].startswith(f"| {way} | 3.0, 4.0 |")
+
+
+def test_a_worlds_scores_are_read_only_if_all_are_there():
+    scores = [Score(*np.arange(12.0)), Score(*np.arange(1.0, 13.0))]
+    pieces = tuple(Piece("d-life", seed, "mono", "", None) for seed in (0, 1))
+    content = json.loads(json.dumps([asdict(score) for score in scores]))
+    assert parsed(OfWorld("d-life", pieces), content) == scores
+    with pytest.raises(ValueError, match="1 scores of 2 runs"):
+        parsed(OfWorld("d-life", pieces), content[:1])
