@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from collabslam._core import LAST_TIME, Filter
-from collabslam.formats.schema import Check, array, number, optional
+from collabslam.formats.schema import Check, array, flag, number, optional
 from collabslam.slam.state import PersistentState
 from collabslam.types import Array
 
@@ -30,6 +30,8 @@ _STEADY = 0.7
 """Least of the slower of them over the faster of a camera that goes at one speed."""
 _LEAST_SD = 0.1
 """Of each part of the velocity after frames that showed nothing, as a share of the speed."""
+_SURELY = 2.0
+"""Standard deviations by which a camera goes slower than usually that has stopped."""
 _AFTER = 5.0
 """Seconds after a frame that was refused in which the map's size is in doubt."""
 
@@ -45,27 +47,33 @@ class UsualSpeed(PersistentState):
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_velocities": array("<f8", None, 3),
         "_refused": optional(number(-LAST_TIME, LAST_TIME)),
+        "_slower": flag,
     }
 
     def __init__(self, core: Filter) -> None:
         self._filter = core
         self._velocities: Array = np.empty((0, 3))  # along its own axes, m/s
         self._refused: float | None = None
+        self._slower = False  # it has stopped, say: the map in view showed it
 
     def most(self, t: float) -> float | None:
         """The greatest speed (m/s) with which a frame at ``t``, which has been predicted, is used.
 
         Of a camera whose turn a gyroscope tells, after frames in which it saw nothing; None elsewhere.
         """
-        if not self.doubts(t) or not self._filter.followed_gyro:
+        if not self._after_lapse(t) or not self._filter.followed_gyro:
             return None
         return _FASTER * float(np.quantile(self._speeds(), _USUAL))
 
     def doubts(self, t: float) -> bool:
         """Whether a map that grows at ``t`` has its size from the speed alone.
 
-        After frames that a camera did not use, whose turn a gyroscope tells, and which went as usual before.
+        After frames that a camera did not use, whose turn a gyroscope tells, and which went as usual before;
+        not of one that was seen to go slower since.
         """
+        return self._after_lapse(t) and not self._slower
+
+    def _after_lapse(self, t: float) -> bool:
         refused = self._refused is not None and t - self._refused <= _AFTER
         return refused and len(self._velocities) >= _LEAST and self._filter.follows_gyro is True
 
@@ -113,11 +121,21 @@ class UsualSpeed(PersistentState):
         bounded = self.most(t) is not None
         if lost:
             self._refused = None
-        elif not accepted and (self.doubts(t) or self._went_as_usual()):
+        elif not accepted and (self._after_lapse(t) or self._went_as_usual()):
             self._refused = t
+        if accepted:
+            self._slower = self._after_lapse(t) and self._goes_slower()
         if trusted and not bounded:
             now = self._filter.twist[:3]
             self._velocities = np.concatenate([self._velocities, now[None]])[-_LAST:]
+
+    def _goes_slower(self) -> bool:
+        """Whether the map in view shows that it goes slower than usually, until it goes as fast again."""
+        speed, sd = float(np.linalg.norm(self._filter.twist[:3])), 0.0
+        if not self._slower:
+            of_velocity = self._filter.pose_and_twist_covariance[6:9, 6:9]
+            sd = float(np.sqrt(np.linalg.eigvalsh(of_velocity)[-1]))
+        return speed + _SURELY * sd < self._usual()[0]
 
     def _usual(self) -> tuple[float, float]:
         """Where the usual speeds begin and end, m/s."""

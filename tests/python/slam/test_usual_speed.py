@@ -18,12 +18,16 @@ from collabslam.types import Array
 class _Core(SimpleNamespace):
     """Of a filter what tells how the camera goes; its axes are those of W."""
 
-    def __init__(self, velocity: Array, **others: Any) -> None:
-        super().__init__(velocity=velocity, **others)
+    def __init__(self, velocity: Array, sd: float = 0.1, **others: Any) -> None:
+        super().__init__(velocity=velocity, sd=sd, **others)
 
     @property
     def twist(self) -> Array:
         return np.concatenate([self.velocity, np.zeros(3)])
+
+    @property
+    def pose_and_twist_covariance(self) -> Array:
+        return self.sd**2 * np.eye(12)
 
 
 def _went(frames: int, *, gyro: bool = True) -> UsualSpeed:
@@ -107,6 +111,29 @@ def test_after_it_saw_nothing_the_filter_is_told_how_it_goes(spread: float, sd: 
     assert len(told) == 1
     core.follows_gyro = False
     assert not speed.doubts(0.1)
+
+
+def test_a_camera_that_was_seen_to_stop_does_not_go_as_usual() -> None:
+    told: list[tuple[Array, Array]] = []
+    speed = _went(60)
+    core: Any = speed._filter
+    core.started, core.expect_velocity = True, lambda *velocity: told.append(velocity)
+    speed.take(0.0, accepted=False, lost=False, trusted=False)
+    usual = core.velocity
+    for k, (share, sd, expected) in enumerate(
+        [(0.8, 0.15, True), (0.7, 0.1, False), (0.0, 0.5, False), (0.9, 0.1, False), (1.1, 0.1, True)]
+    ):
+        core.velocity, core.sd = share * usual, sd
+        speed.take(0.1 * k + 0.1, accepted=True, lost=False, trusted=True)
+        told.clear()
+        speed.expect(0.1 * k + 0.2)
+        assert (len(told) == 1) is speed.doubts(0.1 * k + 0.2) is expected
+        assert speed.most(0.1 * k + 0.2) == pytest.approx(1.25)  # it may go on, but not faster
+        refused = speed.doubts(0.1 * k + 0.2)
+        speed.take(0.1 * k + 0.15, accepted=False, lost=False, trusted=False)
+        assert speed.doubts(0.1 * k + 0.2) is refused
+    speed.take(6.0, accepted=True, lost=False, trusted=True)
+    assert not speed._slower
 
 
 def test_features_that_say_it_is_too_fast_are_deleted(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
