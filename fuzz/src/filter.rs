@@ -7,8 +7,8 @@ use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use ekf_core::settings::Value;
 use ekf_core::{
-    Bearing, Camera, DepthObservation, EkfError, Filter, MeasurementOutcome, Measurements,
-    PredictedFeature, Settings, WornObservation, WornPair,
+    Bearing, Camera, DepthObservation, EkfError, Filter, Followed, MeasurementOutcome,
+    Measurements, PredictedFeature, Settings, WornObservation, WornPair,
 };
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
@@ -62,6 +62,8 @@ pub(crate) struct Life {
     camera: Camera,
     worn: Camera,
     t: f64,
+    /// Time of the last checkpoint.
+    kept: f64,
 }
 
 type Done = (&'static str, Result<(), EkfError>);
@@ -98,6 +100,7 @@ impl Life {
             camera,
             worn,
             t: 0.0,
+            kept: 0.0,
         }
     }
 
@@ -143,9 +146,25 @@ impl Life {
             _ => 0.01 + 0.1 * bytes.signed().abs(),
         };
         let t = bytes.or_nasty(self.t + dt);
+        self.filter.checkpoint();
+        self.kept = self.t;
         self.filter.predict(t)?;
         self.t = t;
         Ok(())
+    }
+
+    /// Points all over the image that went one way, or here and there.
+    fn follow(&self, bytes: &mut Bytes<'_>) -> Followed {
+        let (way, spread) = (30.0 * bytes.signed(), if bytes.rough { 9.0 } else { 0.5 });
+        let before: Vec<Vector2<f64>> = (0..24)
+            .map(|k| Vector2::new(f64::from(20 + 50 * (k % 6)), f64::from(30 + 55 * (k / 6))))
+            .collect();
+        let now = before
+            .iter()
+            .map(|uv| near(bytes, &(uv + Vector2::new(way, 0.0)), spread));
+        let now = now.collect();
+        let since = bytes.or_nasty(self.kept);
+        Followed { since, before, now }
     }
 
     fn update(&mut self, bytes: &mut Bytes<'_>, worn: bool, depths: bool) -> Result<(), EkfError> {
@@ -193,7 +212,13 @@ impl Life {
                 });
             }
         }
+        if bytes.below(4) == 0 {
+            z.followed = Some(self.follow(bytes));
+        }
         let report = self.filter.update(&z)?;
+        if let Some(followed) = z.followed.filter(|_| report.turn_excluded) {
+            self.filter.predict_again(&followed)?;
+        }
         let counts = [
             (report.bearings.len(), z.bearings.len()),
             (report.depths.len(), z.depths.len()),

@@ -1546,6 +1546,7 @@ class Filter:
         depths: DepthMeasurement | None = None,
         min_inliers: int = 0,
         max_speed: float | None = None,
+        followed: tuple[float, ArrayLike, ArrayLike] | None = None,
     ) -> UpdateReport:
         """Validates a frame's matches, updates once, and starts features that have depth (METHOD 5-8).
 
@@ -1569,6 +1570,10 @@ class Filter:
         max_speed : float, optional
             Greatest speed, m/s, with which the frame is used: if the camera would be faster after it
             nothing of it is.
+        followed : (float, (K, 2) float64, (K, 2) float64), optional
+            Time of the frame before, seconds, and pixels of points that were followed from there into the
+            present one: if the turn that they show excludes the one that the camera would have made (METHOD
+            27), nothing of the frame is used.
 
         Returns
         -------
@@ -2099,6 +2104,8 @@ class UpdateReport:
         its covariance (6, 6) over (translation m, rotation rad), right tangent.
     too_fast : bool
         Whether it was not used as the camera would have been faster than it may be.
+    turn_excluded : bool
+        Whether it was not used as the images show another turn.
     jumped : bool
         Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
         the map.
@@ -2133,6 +2140,8 @@ class UpdateReport:
     def worn_poses(self) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
     @property
     def too_fast(self) -> bool: ...
+    @property
+    def turn_excluded(self) -> bool: ...
     @property
     def jumped(self) -> bool: ...
 

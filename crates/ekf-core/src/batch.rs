@@ -157,7 +157,7 @@ impl Workspace {
 
     /// By how much the update moves row `i` of the mean as P is stored. Valid after [`Self::solve`].
     pub(crate) fn moved_at(&self, i: usize) -> f64 {
-        self.moved[i]
+        if self.rows() == 0 { 0.0 } else { self.moved[i] }
     }
 
     /// The batch as the validation tests see it. Valid after the factorisation.

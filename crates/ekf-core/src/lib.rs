@@ -48,7 +48,7 @@ pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{
     Bearing, CandidateOutcome, Capture, ConditionalPrediction, ConditioningSet, DepthObservation,
-    FEWEST_MATCHES, Filter, KnownMap, Landmark, MAX_RANGE_RATIO, MOST_KEPT_POSES,
+    FEWEST_MATCHES, Filter, Followed, KnownMap, Landmark, MAX_RANGE_RATIO, MOST_KEPT_POSES,
     MeasurementOutcome, Measurements, PredictedFeature, Submap, TOLD_INFORMATION, UNKNOWN_SPEED,
     UNKNOWN_TURN, UpdateReport, ViewTiming, WornObservation, WornPair, WornPose,
 };

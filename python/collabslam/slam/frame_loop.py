@@ -30,7 +30,13 @@ from collabslam.slam.worn.late_views import Views
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.slam.worn.tags import overlaps
 from collabslam.slam.worn.view_planning import counts as view_counts
-from collabslam.types import Image, Status
+from collabslam.types import Array, Image, Status
+
+_LastImage = tuple[float, FlowImage] | None
+_Followed = tuple[float, Array, Array]
+
+_FEW = 0.75
+"""Share of `map.in_view` below which what was found may be on somebody who fills the view."""
 
 
 class FrameLoop:
@@ -82,7 +88,7 @@ class FrameLoop:
         parts.seen_through.ask_map(view, found)
         times.done("cf")
         depths = parts.depth.take(view, found, overlap.ids, missing)
-        report = self._update(t, found, overlap, depths)
+        report = self._measure(view, last, found, overlap, depths)
         parts.worn_rates.take(overlap, report)
         turned = not report.accepted and self._turn(view, last)
         carried = not report.accepted and core.followed_gyro
@@ -159,23 +165,45 @@ class FrameLoop:
         parts = self._parts
         return overlaps(parts.late, parts.worn, parts.printed, view, found, missing)
 
-    def _update(self, t: float, found: TrackingResult, overlap: Overlaps, depths: Depths) -> UpdateReport:
-        """The batch test and the update (METHOD 7.5 to 7.7)."""
-        return self._filter.update(
-            found.searched,
-            found.ids,
-            found.uv,
-            views=overlap.views,
-            depths=depths.observation,
-            min_inliers=self._parts.monitor.min_inliers(len(found.searched)),
-            max_speed=self._parts.usual_speed.most(t),
-        )
+    def _measure(
+        self, view: View, last: _LastImage, found: TrackingResult, overlap: Overlaps, depths: Depths
+    ) -> UpdateReport:
+        """The batch test and the update (METHOD 7.5 to 7.7); once more where the image shows another turn."""
+        points = self._points(view, last, found)
+
+        def update(followed: _Followed | None) -> UpdateReport:
+            return self._filter.update(
+                found.searched,
+                found.ids,
+                found.uv,
+                views=overlap.views,
+                depths=depths.observation,
+                min_inliers=self._parts.monitor.min_inliers(len(found.searched)),
+                max_speed=self._parts.usual_speed.most(view.t),
+                followed=followed,
+            )
+
+        report = update(points)
+        if points is not None and report.turn_excluded and self._filter.predict_again(*points):
+            report = update(None)
+        return report
+
+    def _points(self, view: View, last: _LastImage, found: TrackingResult) -> _Followed | None:
+        """Points that show the turn of the image as a whole, where what was found may move (METHOD 27)."""
+        parts, now = self._parts, self._parts.tracks.last_image
+        told = self._filter.followed_gyro or self._filter.followed_odometry
+        if told or not view.started or view.lost or last is None or now is None:
+            return None
+        few = len(found.ids) < _FEW * parts.settings.filter.map.in_view
+        if not few or parts.consistency_monitor.standing() != NOTHING:
+            return None
+        return last[0], *parts.gyro.followed(view, last, now)
 
     def _told_rates(self) -> dict[str, int]:
         """Of the diagnostics: what came of the gyroscopes of Cs and of the worn cameras."""
         return {**self._parts.gyro.counts(), **self._parts.worn_rates.counts()}
 
-    def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:
+    def _turn(self, view: View, last: _LastImage) -> bool:
         """Follows the turn that the last two images show, where the map tells nothing (METHOD 27).
 
         It is then in the prediction, unless a gyroscope told the same one.  Not asked where the map is

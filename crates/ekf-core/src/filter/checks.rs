@@ -1,7 +1,7 @@
 //! Checks of input, all made before anything changes.
 
 use super::ekf::Filter;
-use super::input::measurements::{Capture, Measurements};
+use super::input::measurements::{Capture, Followed, Measurements};
 use super::input::sources::Scratch;
 use crate::error::EkfError;
 use crate::guard;
@@ -58,6 +58,7 @@ impl Filter {
                 why: "it is negative or not a number; give metres a second, or none".into(),
             });
         }
+        z.followed.as_ref().map_or(Ok(()), Followed::check)?;
         let bearings = || z.bearings.iter().map(|b| b.id);
         let depths = || z.depths.iter().filter_map(|d| d.id);
         let searched = z.searched.iter().copied();

@@ -23,7 +23,7 @@ mod worn;
 
 pub use ekf::Filter;
 pub use input::measurements::{
-    Bearing, Capture, DepthObservation, MeasurementOutcome, Measurements, UpdateReport,
+    Bearing, Capture, DepthObservation, Followed, MeasurementOutcome, Measurements, UpdateReport,
     WornObservation, WornPair, WornPose,
 };
 pub use map::known_map::KnownMap;

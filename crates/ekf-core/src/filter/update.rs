@@ -13,10 +13,14 @@ use super::worn::other_time::TimeCompensated;
 use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
+use crate::math::quat::{self, Quat};
 use crate::observe::POSE_DIM;
 use crate::settings::{Mode, WornErrors};
-use nalgebra::{Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use validation::Test;
+
+/// Where the attitude stands in the state.
+const ATTITUDE: usize = 3;
 
 impl Filter {
     /// Validates a frame's measurements, updates once, and starts the features that its matches allow.
@@ -53,6 +57,8 @@ impl Filter {
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
         self.check_measurements(z, scratch)?;
+        let followed = z.followed.as_ref();
+        scratch.shown = followed.and_then(|points| self.turn_from_checkpoint(points));
         let first = z.first_view().map(|worn| self.time_compensated(worn));
         let first = first.transpose()?.flatten();
         if first.is_none() && z.views.len() < 2 {
@@ -234,8 +240,8 @@ impl Filter {
         }
     }
 
-    /// False, with the state unchanged, if fewer than `min_inliers` bearings pass the tests, or the camera would be faster than
-    /// `max_speed`.
+    /// False, with the state unchanged, if fewer than `min_inliers` bearings pass the tests, or the camera would move as it may
+    /// not.
     pub(super) fn measure(
         &mut self,
         z: &Measurements,
@@ -278,7 +284,7 @@ impl Filter {
         done
     }
 
-    /// Updates with the rows that passed the tests. False, with the state unchanged, if the camera would be too fast.
+    /// Updates with the rows that passed the tests. False, with the state unchanged, if the camera would move as it may not.
     fn use_batch(
         &mut self,
         z: &Measurements,
@@ -298,8 +304,10 @@ impl Filter {
         report.dof = self.workspace.batch.rows();
         let gauge = carries.then_some(&self.workspace.gauge);
         self.workspace.batch.solve(&self.memory.state, gauge)?;
-        if z.max_speed.is_some_and(|most| self.speed_after() > most) {
-            report.too_fast = true;
+        let excludes = |shown| Self::excludes_turn(shown, &self.attitude_after());
+        report.too_fast = z.max_speed.is_some_and(|most| self.speed_after() > most);
+        report.turn_excluded = scratch.shown.as_ref().is_some_and(excludes);
+        if report.too_fast || report.turn_excluded {
             return Ok(false);
         }
         if report.dof > 0 {
@@ -320,6 +328,13 @@ impl Filter {
             self.workspace.gauge.mark_carried(&mut self.memory.state);
         }
         Ok(true)
+    }
+
+    /// Attitude that the update at hand gives the camera.
+    fn attitude_after(&self) -> Matrix3<f64> {
+        let moved = Quat::from_fn(|i, _| self.workspace.batch.moved_at(ATTITUDE + i));
+        let q = self.memory.state.part::<4>(ATTITUDE) + moved;
+        quat::rotation(&(q / q.norm()))
     }
 
     /// Speed that the update at hand gives the camera, m/s.

@@ -1,7 +1,8 @@
 //! A gyroscope as motion input (METHOD 28).
 
 use super::PyFilter;
-use crate::arrays_in::{Argument, matrix, pixels, vector};
+use super::measurements::followed;
+use crate::arrays_in::{Argument, matrix, vector};
 use crate::arrays_out::{Column, Table, column, to_matrix};
 use crate::gate;
 use ekf_core::Filter;
@@ -152,8 +153,7 @@ impl PyFilter {
         before: Argument<'_>,
         now: Argument<'_>,
     ) -> PyResult<Option<bool>> {
-        let before = pixels("points followed", &before)?;
-        let now = pixels("points followed", &now)?;
-        self.read(py, |f| f.gyro_agrees(since, &before, &now))
+        let followed = followed(since, &before, &now)?;
+        self.read(py, |f| f.gyro_agrees(&followed))
     }
 }

@@ -3,7 +3,7 @@
 use crate::arrays_in::{
     Argument, covariance6, ids, numbers, optional_ids, pixels, pose, same_length, vector,
 };
-use ekf_core::{Bearing, Capture, DepthObservation, WornObservation, WornPair};
+use ekf_core::{Bearing, Capture, DepthObservation, Followed, WornObservation, WornPair};
 use pyo3::prelude::*;
 
 /// The worn camera's part of a frame: its measured pose, points that both cameras see, and features
@@ -153,4 +153,15 @@ pub(super) fn bearings(ids: &Argument<'_>, uv: &Argument<'_>) -> PyResult<Vec<Be
     same_length("uv", ids.len(), uv.len())?;
     let found = ids.into_iter().zip(uv);
     Ok(found.map(|(id, uv)| Bearing { id, uv }).collect())
+}
+
+/// Points of the image at `since`, seconds, that were followed into the present one.
+pub(super) fn followed(
+    since: f64,
+    before: &Argument<'_>,
+    now: &Argument<'_>,
+) -> PyResult<Followed> {
+    let before = pixels("points of the frame before", before)?;
+    let now = pixels("points of the present frame", now)?;
+    Ok(Followed { since, before, now })
 }

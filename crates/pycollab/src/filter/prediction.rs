@@ -1,10 +1,8 @@
 //! Where the filter expects features, and the worn camera's view.
 
 use super::PyFilter;
-use super::measurements::bearings;
-use crate::arrays_in::{
-    Argument, RowsArgument, covariance6, ids, numbers, pixels, pose, same_length,
-};
+use super::measurements::{bearings, followed};
+use crate::arrays_in::{Argument, RowsArgument, covariance6, ids, numbers, pose, same_length};
 use crate::arrays_out::{Column, Stack, Table, chosen, column, stacked, to_ids, vectors};
 use crate::gate;
 use ekf_core::{ConditionalPrediction, Filter};
@@ -154,9 +152,8 @@ impl PyFilter {
         before: Argument<'_>,
         now: Argument<'_>,
     ) -> PyResult<bool> {
-        let before = pixels("points of the frame before", &before)?;
-        let now = pixels("points of the present frame", &now)?;
-        self.write(py, |f| f.predict_again(since, &before, &now))
+        let followed = followed(since, &before, &now)?;
+        self.write(py, |f| f.predict_again(&followed))
     }
 
     /// Every feature that should be visible in Cs.

@@ -151,6 +151,8 @@ pub(super) fn to_worn_pose(py: Python<'_>, found: &WornPose) -> (Table, Table) {
 ///     its covariance (6, 6) over (translation m, rotation rad), right tangent.
 /// too_fast : bool
 ///     Whether it was not used as the camera would have been faster than it may be.
+/// turn_excluded : bool
+///     Whether it was not used as the images show another turn.
 /// jumped : bool
 ///     Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
 ///     the map.
@@ -171,6 +173,7 @@ pub(crate) struct PyUpdateReport {
     worn_error_of_map: Table,
     worn_poses: WornPoses,
     too_fast: bool,
+    turn_excluded: bool,
     jumped: bool,
 }
 
@@ -187,6 +190,7 @@ impl PyUpdateReport {
             rates: Py::new(py, PyMeasurementOutcomes(report.rates))?,
             accepted: report.accepted,
             too_fast: report.too_fast,
+            turn_excluded: report.turn_excluded,
             jumped: report.jumped,
             refused: report.refused.as_ref().map(ToString::to_string),
             nis: report.nis,

@@ -1,7 +1,7 @@
 //! A frame's measurements go into the filter.
 
 use super::PyFilter;
-use super::measurements::{PyDepthMeasurement, PyWornMeasurement, bearings};
+use super::measurements::{PyDepthMeasurement, PyWornMeasurement, bearings, followed};
 use super::report::PyMapRelocalisation;
 use super::report::{PyUpdateReport, to_worn_pose};
 use crate::arrays_in::{Argument, ids, matrix, pixels, pose, rows, same_length, square};
@@ -34,6 +34,10 @@ impl PyFilter {
     /// max_speed : float, optional
     ///     Greatest speed, m/s, with which the frame is used: if the camera would be faster after it
     ///     nothing of it is.
+    /// followed : (float, (K, 2) float64, (K, 2) float64), optional
+    ///     Time of the frame before, seconds, and pixels of points that were followed from there into the
+    ///     present one: if the turn that they show excludes the one that the camera would have made (METHOD
+    ///     27), nothing of the frame is used.
     ///
     /// Returns
     /// -------
@@ -44,8 +48,8 @@ impl PyFilter {
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
     ///     was.
-    #[expect(clippy::too_many_arguments, reason = "eight names in Python")]
-    #[pyo3(signature = (searched, ids, uv, *, views = Vec::new(), depths = None, min_inliers = 0, max_speed = None))]
+    #[expect(clippy::too_many_arguments, reason = "nine names in Python")]
+    #[pyo3(signature = (searched, ids, uv, *, views = Vec::new(), depths = None, min_inliers = 0, max_speed = None, followed = None))]
     fn update(
         &self,
         py: Python<'_>,
@@ -56,6 +60,7 @@ impl PyFilter {
         depths: Option<&PyDepthMeasurement>,
         min_inliers: usize,
         max_speed: Option<f64>,
+        followed: Option<(f64, Argument<'_>, Argument<'_>)>,
     ) -> PyResult<PyUpdateReport> {
         let measurements = Measurements {
             searched: self::ids("searched", &searched)?,
@@ -64,6 +69,9 @@ impl PyFilter {
             depths: depths.map_or_else(Vec::new, |depths| depths.0.clone()),
             min_inliers,
             max_speed,
+            followed: followed
+                .map(|(since, before, now)| self::followed(since, &before, &now))
+                .transpose()?,
         };
         let report = self.write(py, |f| match f.update(&measurements) {
             Err(error @ (EkfError::NotPositiveDefinite { .. } | EkfError::Unsound { .. })) => {

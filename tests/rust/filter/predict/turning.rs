@@ -1,21 +1,15 @@
 //! A visual gyroscope (METHOD 27): a turn that the map does not show is taken from two images, with what is known of it.
 
 use crate::scene::{DT, Warm, normals, rng, warm};
-use ekf_core::EkfError;
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
+use ekf_core::{EkfError, Filter, Followed, Measurements};
 use nalgebra::{Vector2, Vector3};
 use rand::Rng;
 use rand_pcg::Pcg64;
 
 /// How much further than predicted the camera turns in a frame, radians: 8 degrees.
 const JERK: f64 = 0.14;
-
-/// Followed points of two images.
-struct Followed {
-    before: Vec<Vector2<f64>>,
-    now: Vec<Vector2<f64>>,
-}
 
 /// A filter that was predicted past a frame in which the camera was jerked about, where it is then, and what the images show.
 fn jerked(seed: u64) -> (Warm, Pose, Followed) {
@@ -42,8 +36,8 @@ fn jerked_at(seed: u64, prepare: impl Fn(&mut Warm)) -> (Warm, Pose, Followed) {
 fn follow(warm: &Warm, rng: &mut Pcg64, before: &Pose, now: &Pose) -> Followed {
     let camera = &warm.scene.camera;
     let mut found = Followed {
-        before: Vec::new(),
-        now: Vec::new(),
+        since: warm.t - DT,
+        ..Followed::default()
     };
     while found.before.len() < 60 {
         let uv = Vector2::new(rng.random_range(0.0..720.0), rng.random_range(0.0..480.0));
@@ -77,8 +71,7 @@ fn a_jerk_is_seen_and_claimed_as_well_as_it_is() {
     for seed in 0..runs {
         let (mut warm, truth, seen) = jerked(seed);
         let (predicted, _) = attitude(&warm, &truth);
-        let since = warm.t - DT;
-        let turned = warm.filter.predict_again(since, &seen.before, &seen.now);
+        let turned = warm.filter.predict_again(&seen);
         assert_eq!(turned, Ok(true), "seed {seed}");
         assert_eq!(warm.filter.time(), Some(warm.t));
         let (error, nees) = attitude(&warm, &truth);
@@ -107,9 +100,7 @@ fn a_turn_is_seen_though_the_velocity_is_hardly_known() {
                 }
             }
         });
-        let turned = warm
-            .filter
-            .predict_again(warm.t - DT, &seen.before, &seen.now);
+        let turned = warm.filter.predict_again(&seen);
         assert_eq!(turned, Ok(true), "seed {seed}");
         let (error, nees) = attitude(&warm, &truth);
         assert!(error < 0.25 * JERK, "seed {seed}: {error}");
@@ -123,7 +114,7 @@ fn what_moves_by_itself_is_no_turn() {
     let (warm, _, seen) = jerked(3);
     let refused = |what: &str, seen: &Followed| {
         let mut filter = warm.filter.clone();
-        let turned = filter.predict_again(warm.t - DT, &seen.before, &seen.now);
+        let turned = filter.predict_again(seen);
         assert_eq!(turned, Ok(false), "{what}");
         assert_eq!(filter.pose(), warm.filter.pose(), "{what}");
         assert_eq!(filter.time(), Some(warm.t), "{what}");
@@ -134,7 +125,8 @@ fn what_moves_by_itself_is_no_turn() {
             .filter(|(k, (uv, _))| keep(*k, uv))
             .map(|(_, (a, b))| (*a, *b))
             .unzip();
-        Followed { before, now }
+        let since = seen.since;
+        Followed { since, before, now }
     };
     refused("a few points", &some(&|k, _| k < 14));
     refused(
@@ -151,20 +143,90 @@ fn what_moves_by_itself_is_no_turn() {
 #[test]
 fn it_asks_for_the_checkpoint_of_the_frame_before() {
     let (mut warm, _, seen) = jerked(4);
-    let mut again = |since| warm.filter.predict_again(since, &seen.before, &seen.now);
-    assert_eq!(again(0.123), Ok(false));
-    let bad = warm.t - DT;
-    let lists = warm.filter.predict_again(bad, &seen.before[1..], &seen.now);
+    let mut late = seen.clone();
+    late.since = 0.123;
+    assert_eq!(warm.filter.predict_again(&late), Ok(false));
+    let mut fewer = seen.clone();
+    fewer.before.pop();
+    let lists = warm.filter.predict_again(&fewer);
     assert!(
         matches!(lists, Err(EkfError::InvalidInput { .. })),
         "{lists:?}"
     );
-    let mut now = seen.now.clone();
-    now[0].x = f64::NAN;
-    let nan = warm.filter.predict_again(bad, &seen.before, &now);
+    let mut bad = seen.clone();
+    bad.now[0].x = f64::NAN;
+    let nan = warm.filter.predict_again(&bad);
     assert!(matches!(nan, Err(EkfError::NonFinite { .. })), "{nan:?}");
-    assert_eq!(
-        warm.filter.predict_again(bad, &seen.before, &seen.now),
-        Ok(true)
+    assert_eq!(warm.filter.predict_again(&seen), Ok(true));
+}
+
+/// What is found may be on somebody who fills the view, and turns the camera with them; the image as a whole shows another turn.
+#[test]
+fn a_frame_that_would_turn_the_camera_otherwise_than_the_image_is_not_used() {
+    for off in [0.0, 3.0_f64.to_radians()] {
+        let mut warm = warm(6, &[]);
+        let mut rng = rng(106);
+        warm.update(false);
+        warm.filter.checkpoint();
+        let before = warm.scene.pose(warm.t);
+        warm.next_frame();
+        let mut now = warm.scene.pose(warm.t);
+        now.rotation *= quat::rotation_exp(&Vector3::new(0.0, 0.0, off));
+        let mut z = warm.scene.measure(warm.t, &warm.known, false).0;
+        z.followed = Some(follow(&warm, &mut rng, &before, &now));
+        let predicted = warm.filter.pose();
+        let report = warm.filter.update(&z).expect("an update");
+        assert_eq!(report.accepted, off == 0.0, "{off}");
+        assert_eq!(report.turn_excluded, off > 0.0, "{off}");
+        assert_eq!(warm.filter.pose() == predicted, off > 0.0, "{off}");
+        // Points that show no turn say nothing.
+        z.followed = Some(Followed::default());
+        assert!(warm.filter.update(&z).expect("an update").accepted);
+    }
+}
+
+#[test]
+fn points_that_are_no_pairs_are_refused_with_the_frame() {
+    let (mut warm, _, seen) = jerked(7);
+    let mut z = warm.scene.measure(warm.t, &warm.known, false).0;
+    let pose = warm.filter.pose();
+    let mut fewer = seen.clone();
+    fewer.now.pop();
+    z.followed = Some(fewer);
+    let error = warm.filter.update(&z).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            EkfError::InvalidInput {
+                what: "points followed",
+                ..
+            }
+        ),
+        "{error}"
     );
+    assert_eq!(warm.filter.pose(), pose);
+}
+
+/// Nothing is measured then: what the update before moved is not this one's.
+#[test]
+fn a_frame_in_which_nothing_was_found_is_asked_as_it_was_predicted() {
+    let mut warm = warm(8, &[]);
+    warm.update(false);
+    warm.filter.checkpoint();
+    let before = warm.scene.pose(warm.t);
+    warm.next_frame();
+    let mut rng = rng(108);
+    let now = warm.scene.pose(warm.t);
+    let z = Measurements {
+        max_speed: Some(1.5 * warm.filter.velocity().norm()),
+        followed: Some(follow(&warm, &mut rng, &before, &now)),
+        ..Measurements::default()
+    };
+    let predicted = warm.filter.pose();
+    let mut fresh = Filter::restore(&warm.filter.snapshot()).expect("a filter");
+    for filter in [&mut warm.filter, &mut fresh] {
+        let report = filter.update(&z).expect("an update");
+        assert!(report.accepted && !report.too_fast && !report.turn_excluded);
+        assert_eq!(filter.pose(), predicted);
+    }
 }

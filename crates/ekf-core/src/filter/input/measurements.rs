@@ -67,6 +67,17 @@ pub struct DepthObservation {
     pub sigma: f64,
 }
 
+/// Points of one image of Cs that were followed into the next.
+#[derive(Clone, Debug, Default)]
+pub struct Followed {
+    /// Time of the first image, seconds: of the frame of the last checkpoint.
+    pub since: f64,
+    /// Pixels in the first image.
+    pub before: Vec<Vector2<f64>>,
+    /// Pixels of the same points in the second.
+    pub now: Vec<Vector2<f64>>,
+}
+
 /// All measurements of one frame.
 #[derive(Clone, Debug, Default)]
 pub struct Measurements {
@@ -83,6 +94,9 @@ pub struct Measurements {
     pub min_inliers: usize,
     /// Greatest speed, m/s, with which the frame is used: if the camera would be faster after it nothing of it is. None for any.
     pub max_speed: Option<f64>,
+    /// Points of the image before, if they are to be asked: where the turn that they show excludes the one that the camera would
+    /// have made, nothing of the frame is used.
+    pub followed: Option<Followed>,
 }
 
 impl Measurements {
@@ -174,11 +188,13 @@ pub struct UpdateReport {
     pub worn_poses: Vec<WornPose>,
     /// Why the frame was refused, if it was: the filter is as it was before.
     pub refused: Option<EkfError>,
-    /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted, and
-    /// [`Measurements::max_speed`] was kept.
+    /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted, and the camera moved as
+    /// [`Measurements::max_speed`] and [`Measurements::followed`] let it.
     pub accepted: bool,
     /// Whether it was not as the camera would have been faster than [`Measurements::max_speed`].
     pub too_fast: bool,
+    /// Whether it was not as [`Measurements::followed`] show another turn.
+    pub turn_excluded: bool,
     /// Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of the map.
     pub jumped: bool,
 }
@@ -248,9 +264,9 @@ impl UpdateReport {
 
     /// Reports a frame of which nothing was used.
     pub(crate) fn reject_all(&mut self, z: &Measurements) {
-        let too_fast = self.too_fast;
+        let (too_fast, turn_excluded) = (self.too_fast, self.turn_excluded);
         self.start(z);
-        self.too_fast = too_fast;
+        (self.too_fast, self.turn_excluded) = (too_fast, turn_excluded);
         self.bearings.fill(MeasurementOutcome::RejectedBatch);
         self.depths.fill(MeasurementOutcome::Unused);
         self.accepted = false;

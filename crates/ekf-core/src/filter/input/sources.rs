@@ -1,7 +1,9 @@
 //! The match behind each measurement block of a frame, and the lists that an update works with.
 
 use super::measurements::{MeasurementOutcome, UpdateReport};
+use crate::gyroscope::ImageTurn;
 use crate::state::Learned;
+use nalgebra::Matrix3;
 
 /// Where in [`Measurements`] a block of the batch comes from, and which form it takes.
 #[derive(Clone, Copy, Debug)]
@@ -61,6 +63,8 @@ pub(crate) struct Scratch {
     pub(crate) ids: Vec<u64>,
     /// What the update may learn of the view's time-correlated error.
     pub(crate) learned: Learned,
+    /// The turn since the checkpoint that the images show, if they were asked, and the attitude there.
+    pub(crate) shown: Option<(ImageTurn, Matrix3<f64>)>,
 }
 
 impl Clone for Scratch {

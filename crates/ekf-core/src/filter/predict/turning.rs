@@ -5,6 +5,7 @@ use super::odometry::camera_of;
 use crate::chi2::{self, SURE_LEVEL};
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::Followed;
 use crate::filter::memory::Memory;
 use crate::filter::memory::wheels::Wheels;
 use crate::guard;
@@ -33,22 +34,16 @@ const SPREAD: f64 = 0.12;
 const SLANTED: f64 = 0.1;
 
 impl Filter {
-    /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show:
-    /// points of the frame at `since`, seconds, were `before` and are `now`, pixels of Cs. To be asked where the frame has
-    /// measured nothing; what was done since the checkpoint is undone. False, with nothing changed, where the images do not
+    /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show.
+    /// To be asked where the frame has measured nothing; what was done since the checkpoint is undone. False, with nothing changed, where the images do not
     /// tell the turn, the last checkpoint is not of that frame, odometry told the motion, or a gyroscope a turn that the images
     /// do not contradict.
     ///
     /// # Errors
     /// `NonFinite`; `InvalidInput` if the lists differ in length; nothing changes then.
-    pub fn predict_again(
-        &mut self,
-        since: f64,
-        before: &[Vector2<f64>],
-        now: &[Vector2<f64>],
-    ) -> Result<bool, EkfError> {
-        check_followed(since, before, now)?;
-        let Some((motion, is_told)) = self.turned_motion(since, before, now) else {
+    pub fn predict_again(&mut self, followed: &Followed) -> Result<bool, EkfError> {
+        followed.check()?;
+        let Some((motion, is_told)) = self.turned_motion(followed) else {
             return Ok(false);
         };
         let time = self.memory.time;
@@ -64,37 +59,46 @@ impl Filter {
     }
 
     /// Whether the turn that the last two images show is what the gyroscope told of it; to be asked before the frame is
-    /// measured, with points as for [`Self::predict_again`]. `None` where the images do not tell the turn, and where no
+    /// measured, as for [`Self::predict_again`]. `None` where the images do not tell the turn, and where no
     /// gyroscope did.
     ///
     /// # Errors
     /// As there.
-    pub fn gyro_agrees(
-        &self,
-        since: f64,
-        before: &[Vector2<f64>],
-        now: &[Vector2<f64>],
-    ) -> Result<Option<bool>, EkfError> {
-        check_followed(since, before, now)?;
+    pub fn gyro_agrees(&self, followed: &Followed) -> Result<Option<bool>, EkfError> {
+        followed.check()?;
         if self.memory.wheels.turned.is_none() {
             return Ok(None);
         }
-        let shown = self.shown_turn(since, before, now);
+        let shown = self.shown_turn(followed);
         Ok(shown.map(|(seen, kept, _)| !self.excludes_told(&seen, &kept.state)))
     }
 
-    /// The motion with the turn that the images show, and whether a gyroscope told another one.
-    fn turned_motion(
+    /// The turn that the images show, and the attitude at the checkpoint, from where it is; of a checkpoint whose frame was used:
+    /// after one that was not the map corrects what was wrong before, too.
+    pub(in crate::filter) fn turn_from_checkpoint(
         &self,
-        since: f64,
-        before: &[Vector2<f64>],
-        now: &[Vector2<f64>],
-    ) -> Option<(Motion, bool)> {
+        followed: &Followed,
+    ) -> Option<(ImageTurn, Matrix3<f64>)> {
+        let (seen, kept, _) = self.shown_turn(followed)?;
+        (kept.unused == 0).then(|| (seen, attitude(&kept.state)))
+    }
+
+    /// Whether a turn that was seen excludes that from one attitude to another, which the map tells. A rate that changes bends both
+    /// alike: they are of the same rows.
+    pub(in crate::filter) fn excludes_turn(
+        (seen, from): &(ImageTurn, Matrix3<f64>),
+        to: &Matrix3<f64>,
+    ) -> bool {
+        is_excluded(seen, &(from.transpose() * to), &Matrix3::zeros(), 0.0)
+    }
+
+    /// The motion with the turn that the images show, and whether a gyroscope told another one.
+    fn turned_motion(&self, followed: &Followed) -> Option<(Motion, bool)> {
         if self.memory.wheels.followed {
             return None;
         }
         let is_told = self.memory.wheels.turned.is_some();
-        let (seen, kept, dt) = self.shown_turn(since, before, now)?;
+        let (seen, kept, dt) = self.shown_turn(followed)?;
         let process = &self.setup.settings.process;
         let mut block: CameraMatrix = kept.state.p.block(0, 0);
         let reading = self.reading(&seen, &kept.state, dt);
@@ -115,21 +119,17 @@ impl Filter {
     }
 
     /// The turn that the images show, what the filter was at the first of them, and the seconds between them.
-    fn shown_turn(
-        &self,
-        since: f64,
-        before: &[Vector2<f64>],
-        now: &[Vector2<f64>],
-    ) -> Option<(ImageTurn, &Memory, f64)> {
+    fn shown_turn(&self, followed: &Followed) -> Option<(ImageTurn, &Memory, f64)> {
         let kept = &self.undo.kept.as_deref()?.memory;
-        let dt = self.memory.time? - since;
-        let is_next = kept.started && kept.time == Some(since) && 0.0 < dt && dt <= LONGEST;
+        let dt = self.memory.time? - followed.since;
+        let is_next =
+            kept.started && kept.time == Some(followed.since) && 0.0 < dt && dt <= LONGEST;
         if !is_next {
             return None;
         }
         let ray = |uv| self.setup.camera.unproject(uv)?.try_normalize(0.0);
         let (mut pairs, mut pixels) = (Vec::new(), Vec::new());
-        for (first, second) in before.iter().zip(now) {
+        for (first, second) in followed.before.iter().zip(&followed.now) {
             if let (Some(a), Some(b)) = (ray(first), ray(second)) {
                 pairs.push((a, b));
                 pixels.push(first);
@@ -145,18 +145,9 @@ impl Filter {
         let Some(told) = self.memory.wheels.turned else {
             return false;
         };
-        let [from, to] = [then, &self.memory.state].map(|s| quat::rotation(&s.part::<4>(3)));
-        let turn = from.transpose() * to;
-        let off = quat::rotation_log(&(turn.transpose() * quat::rotation_exp(&seen.turn)));
+        let turn = attitude(then).transpose() * attitude(&self.memory.state);
         let change = self.memory.state.angular_velocity() - then.angular_velocity();
-        let bent = self.shutter_variance(&change);
-        let largest = quat::rotation_log(&turn).norm().max(seen.turn.norm());
-        let more = Matrix3::identity() * (bent + (SLANTED * largest).powi(2));
-        let spread = told + seen.covariance + more;
-        let distance = ((spread + spread.transpose()) * 0.5)
-            .cholesky()
-            .map(|spread| off.dot(&spread.solve(&off)));
-        distance.is_some_and(|distance| distance > chi2::quantile(SURE_LEVEL, 3.0))
+        is_excluded(seen, &turn, &told, self.shutter_variance(&change))
     }
 
     /// Whether points are spread over the image: somebody who walks by is on a part of it.
@@ -233,24 +224,40 @@ impl Filter {
     }
 }
 
-/// Points that were followed from one image to the next: pairs of finite pixels.
-fn check_followed(
-    since: f64,
-    before: &[Vector2<f64>],
-    now: &[Vector2<f64>],
-) -> Result<(), EkfError> {
-    let what = "points followed";
-    if before.len() != now.len() {
-        let why = format!(
-            "{} were and {} are in view; give pairs",
-            before.len(),
-            now.len()
-        );
-        return Err(EkfError::InvalidInput { what, why });
+fn attitude(state: &State) -> Matrix3<f64> {
+    quat::rotation(&state.part::<4>(3))
+}
+
+/// Whether a turn that was seen excludes another one, which is known up to a covariance; `bent` is what the shutter may make of
+/// it, a variance of each axis.
+fn is_excluded(seen: &ImageTurn, turn: &Matrix3<f64>, known: &Matrix3<f64>, bent: f64) -> bool {
+    let off = quat::rotation_log(&(turn.transpose() * quat::rotation_exp(&seen.turn)));
+    let largest = quat::rotation_log(turn).norm().max(seen.turn.norm());
+    let more = Matrix3::identity() * (bent + (SLANTED * largest).powi(2));
+    let spread = known + seen.covariance + more;
+    let distance = ((spread + spread.transpose()) * 0.5)
+        .cholesky()
+        .map(|spread| off.dot(&spread.solve(&off)));
+    distance.is_some_and(|distance| distance > chi2::quantile(SURE_LEVEL, 3.0))
+}
+
+impl Followed {
+    /// Refuses what is no pairs of finite pixels.
+    pub(in crate::filter) fn check(&self) -> Result<(), EkfError> {
+        let what = "points followed";
+        let [before, now] = [&self.before, &self.now];
+        if before.len() != now.len() {
+            let why = format!(
+                "{} were and {} are in view; give pairs",
+                before.len(),
+                now.len()
+            );
+            return Err(EkfError::InvalidInput { what, why });
+        }
+        let mut numbers = before.iter().chain(now).flat_map(|uv| uv.iter());
+        if !self.since.is_finite() || numbers.any(|x| !x.is_finite()) {
+            return Err(EkfError::NonFinite { what });
+        }
+        Ok(())
     }
-    let mut numbers = before.iter().chain(now).flat_map(|uv| uv.iter());
-    if !since.is_finite() || numbers.any(|x| !x.is_finite()) {
-        return Err(EkfError::NonFinite { what });
-    }
-    Ok(())
 }
