@@ -62,3 +62,7 @@ def test_the_filter_refuses_what_is_no_list_of_pairs():
         core.predict_again(0.0, points, points[1:])
     with pytest.raises(InputError, match="points followed"):
         core.predict_again(0.0, points, np.full((20, 2), np.nan))
+    nothing = np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2))
+    for before, now in [(points, points[1:]), (points, np.full((20, 2), np.nan)), (points.T, points.T)]:
+        with pytest.raises(InputError, match="points"):
+            core.update(*nothing, followed=(0.0, before, now))
