@@ -54,17 +54,16 @@ class OfWorld:
 
     Attributes
     ----------
-    world : str
     pieces : tuple of Piece
+        At least one.
     """
 
-    world: str
     pieces: tuple[Piece, ...]
 
     @property
     def stem(self) -> str:
         """Begins the name of its file."""
-        return self.world
+        return self.pieces[0].world
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,6 @@ def study_gyro(
     drawn = seeds or ((0,) if quick else _SEEDS)
     works = [
         OfWorld(
-            world,
             tuple(
                 Piece(world, seed, mode, gyro, _QUICK_FRAMES if quick else None)
                 for seed in drawn
@@ -93,7 +92,7 @@ def study_gyro(
 
 def summary(groups: dict[str, list[str]], rows: Sequence[Row], kind: str) -> dict[str, Any]:
     """The numbers of ``gyro.json``: of `TIGHT` with the gyroscope, trajectories and turns; and every run."""
-    told = [row for row in rows if row[0].mode == TIGHT and row[0].kind]
+    told = _told(rows)
     bare = [row for row in rows if row[0].mode == TIGHT and not row[0].kind]
     ways, turns = (_of(told, groups[name]) for name in ("trajectories", "turns"))
     ends, headings = _values(ways, "end_pct"), _values(turns, "heading_deg")
@@ -152,7 +151,7 @@ def trajectories_table(worlds: Sequence[str], rows: Sequence[Row]) -> str:
         ("false_ok", np.max, 100.0),
         ("nees", np.max, 1.0),
     ]
-    told = [row for row in rows if row[0].mode == TIGHT and row[0].kind]
+    told = _told(rows)
     lines = []
     for name, some in [*((w, [w]) for w in worlds), ("all", worlds)]:
         of_world = _of(told, some)
@@ -166,6 +165,10 @@ def trajectories_table(worlds: Sequence[str], rows: Sequence[Row]) -> str:
 
 def _said(_: OfWorld, scores: Sequence[Score]) -> str:
     return f"{np.mean([score.end_pct for score in scores]):.1f} % at the end"
+
+
+def _told(rows: Sequence[Row]) -> list[Row]:
+    return [row for row in rows if row[0].mode == TIGHT and row[0].kind]
 
 
 def _of(rows: Sequence[Row], worlds: Sequence[str]) -> list[Row]:

@@ -84,6 +84,6 @@ def test_a_worlds_scores_are_read_only_if_all_are_there():
     scores = [Score(*np.arange(12.0)), Score(*np.arange(1.0, 13.0))]
     pieces = tuple(Piece("d-life", seed, "mono", "", None) for seed in (0, 1))
     content = json.loads(json.dumps([asdict(score) for score in scores]))
-    assert parsed(OfWorld("d-life", pieces), content) == scores
+    assert parsed(OfWorld(pieces), content) == scores
     with pytest.raises(ValueError, match="1 scores of 2 runs"):
-        parsed(OfWorld("d-life", pieces), content[:1])
+        parsed(OfWorld(pieces), content[:1])

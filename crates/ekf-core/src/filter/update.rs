@@ -14,13 +14,10 @@ use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::math::quat::{self, Quat};
-use crate::observe::POSE_DIM;
+use crate::observe::{ATTITUDE, POSE_DIM};
 use crate::settings::{Mode, WornErrors};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use validation::Test;
-
-/// Where the attitude stands in the state.
-const ATTITUDE: usize = 3;
 
 impl Filter {
     /// Validates a frame's measurements, updates once, and starts the features that its matches allow.

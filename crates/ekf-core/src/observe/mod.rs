@@ -7,6 +7,7 @@ pub mod rows;
 pub mod shutter;
 
 pub use feature::{FEATURE_DIM, FeatureState};
+pub(crate) use point::ATTITUDE;
 pub use point::{POSE_DIM, PointInCamera};
 pub use rows::Rows;
 pub(crate) use rows::VelocityRows;

@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 /// Numbers of a pose `[r(3) q(4)]` in the state.
 pub const POSE_DIM: usize = 7;
+/// Where its attitude begins.
+pub(crate) const ATTITUDE: usize = 3;
 
 /// Camera pose as the state holds it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

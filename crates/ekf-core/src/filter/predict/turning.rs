@@ -35,9 +35,9 @@ const SLANTED: f64 = 0.1;
 
 impl Filter {
     /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show.
-    /// To be asked where the frame has measured nothing; what was done since the checkpoint is undone. False, with nothing changed, where the images do not
-    /// tell the turn, the last checkpoint is not of that frame, odometry told the motion, or a gyroscope a turn that the images
-    /// do not contradict.
+    /// To be asked where the frame has measured nothing; what was done since the checkpoint is undone. False, with nothing
+    /// changed, where the images do not tell the turn, the last checkpoint is not of that frame, odometry told the motion, or a
+    /// gyroscope a turn that the images do not contradict.
     ///
     /// # Errors
     /// `NonFinite`; `InvalidInput` if the lists differ in length; nothing changes then.
@@ -79,8 +79,11 @@ impl Filter {
         &self,
         followed: &Followed,
     ) -> Option<(ImageTurn, Matrix3<f64>)> {
+        if self.undo.kept.as_deref()?.memory.unused > 0 {
+            return None;
+        }
         let (seen, kept, _) = self.shown_turn(followed)?;
-        (kept.unused == 0).then(|| (seen, attitude(&kept.state)))
+        Some((seen, attitude(&kept.state)))
     }
 
     /// Whether a turn that was seen excludes that from one attitude to another, which the map tells. A rate that changes bends both

@@ -4,15 +4,13 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::math::quat;
 use crate::observe::block::MeasurementBlock;
-use crate::observe::{POSE_DIM, Rows, VelocityRows};
+use crate::observe::{ATTITUDE, POSE_DIM, Rows, VelocityRows};
 use crate::settings::{MotionModel, ProcessSettings};
 use crate::state::Learned;
 use nalgebra::{SMatrix, Vector3};
 
 /// Frames predicted since the last one that was used, from which on the map in view is taken to tell no speed.
 const UNSEEN: u32 = 3;
-/// Where the attitude stands, and after it the velocity.
-const ATTITUDE: usize = 3;
 /// Times the variance of what is known that a measurement has which says nothing.
 const NOTHING: f64 = 1e12;
 
