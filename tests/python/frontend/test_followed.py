@@ -48,6 +48,18 @@ def test_hidden_pixels_are_left_out(images):
     assert now[:, 0].min() >= 300.0
 
 
+def test_points_are_all_over_the_image_though_its_strongest_corners_are_on_who_passes():
+    faint = cv2.GaussianBlur(np.random.default_rng(4).normal(90.0, 40.0, (480, 720)), (0, 0), 4.0)
+    squares = 255 * (np.indices((480, 160)) // 20).sum(axis=0) % 510
+    first = np.clip(faint, 0, 255).astype(np.uint8)
+    second = np.roll(first, 6, axis=1)
+    first[:, 260:420], second[:, 290:450] = squares, squares
+    before, now = _followed((first, second), np.zeros(3))
+    still = np.abs(now - before - [6.0, 0.0]).max(axis=1) < 1.0
+    assert (still & (before[:, 0] < 240)).sum() >= 15
+    assert (still & (before[:, 0] > 470)).sum() >= 15
+
+
 def test_an_image_without_corners_gives_none():
     grey = np.full((480, 720), 90, np.uint8)
     before, now = _followed((grey, grey), np.zeros(3))

@@ -140,6 +140,37 @@ fn what_moves_by_itself_is_no_turn() {
     refused("a third of the view goes another way", &parted);
 }
 
+/// A camera that has seen nothing for some frames follows what a part of the image shows, and claims little of it: somebody who
+/// walks by would show it as well.
+#[test]
+fn a_lost_camera_follows_a_part_of_the_image() {
+    for unseen in [2, 3] {
+        let (mut warm, truth, mut seen) = jerked_at(5, |warm| {
+            for _ in 0..unseen {
+                warm.next_frame();
+            }
+        });
+        let part = |uv: &Vector2<f64>| (uv.x - 360.0).abs() < 110.0;
+        let pairs = seen.before.iter().zip(&seen.now);
+        let pairs = pairs.filter(|(before, _)| part(before));
+        (seen.before, seen.now) = pairs.map(|(a, b)| (*a, *b)).unzip();
+        let (predicted, _) = attitude(&warm, &truth);
+        let turned = warm.filter.predict_again(&seen);
+        assert_eq!(turned, Ok(unseen == 3));
+        let (error, nees) = attitude(&warm, &truth);
+        assert_eq!(error < 0.6 * predicted, unseen == 3, "{error} {predicted}");
+        if unseen == 3 {
+            let sd = warm
+                .filter
+                .pose_covariance()
+                .fixed_view::<3, 3>(3, 3)
+                .diagonal()
+                .map(f64::sqrt);
+            assert!(sd.min() > 0.3 * JERK && nees < 3.0, "{sd} {nees}");
+        }
+    }
+}
+
 #[test]
 fn it_asks_for_the_checkpoint_of_the_frame_before() {
     let (mut warm, _, seen) = jerked(4);

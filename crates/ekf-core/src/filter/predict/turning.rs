@@ -2,6 +2,7 @@
 //! gyroscope (METHOD 28).
 
 use super::odometry::camera_of;
+use super::unseen::UNSEEN;
 use crate::chi2::{self, SURE_LEVEL};
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
@@ -32,6 +33,20 @@ const SPREAD: f64 = 0.12;
 /// By how much a turn that is seen may be off where depths lie as on no plane, as a share of it: standard deviation. The claimed
 /// one takes what a plane leaves of them as independent.
 const SLANTED: f64 = 0.1;
+
+/// The same of a lost camera's turn that a part of the image shows: it may be somebody's who walks by.
+const OF_A_PART: f64 = 0.5;
+
+/// What points of two images show.
+struct Shown<'a> {
+    seen: ImageTurn,
+    /// What the filter was at the first of them.
+    kept: &'a Memory,
+    /// Seconds between them.
+    dt: f64,
+    /// Whether those that agree are all over the image: somebody who walks by is on a part of it.
+    is_spread: bool,
+}
 
 impl Filter {
     /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show.
@@ -69,8 +84,8 @@ impl Filter {
         if self.memory.wheels.turned.is_none() {
             return Ok(None);
         }
-        let shown = self.shown_turn(followed);
-        Ok(shown.map(|(seen, kept, _)| !self.excludes_told(&seen, &kept.state)))
+        let shown = self.shown_turn(followed).filter(|shown| shown.is_spread);
+        Ok(shown.map(|shown| !self.excludes_told(&shown.seen, &shown.kept.state)))
     }
 
     /// The turn that the images show, and the attitude at the checkpoint, from where it is; of a checkpoint whose frame was used:
@@ -82,8 +97,8 @@ impl Filter {
         if self.undo.kept.as_deref()?.memory.unused > 0 {
             return None;
         }
-        let (seen, kept, _) = self.shown_turn(followed)?;
-        Some((seen, attitude(&kept.state)))
+        let shown = self.shown_turn(followed).filter(|shown| shown.is_spread)?;
+        Some((shown.seen, attitude(&shown.kept.state)))
     }
 
     /// Whether a turn that was seen excludes that from one attitude to another, which the map tells. A rate that changes bends both
@@ -101,19 +116,27 @@ impl Filter {
             return None;
         }
         let is_told = self.memory.wheels.turned.is_some();
-        let (seen, kept, dt) = self.shown_turn(followed)?;
-        let process = &self.setup.settings.process;
-        let mut block: CameraMatrix = kept.state.p.block(0, 0);
-        let reading = self.reading(&seen, &kept.state, dt);
-        let mut motion = Motion::new(camera_of(&kept.state));
-        if is_told {
-            if !self.excludes_told(&seen, &kept.state) {
+        let shown = self.shown_turn(followed)?;
+        let (mut seen, kept, dt) = (shown.seen, shown.kept, shown.dt);
+        if is_told && !self.excludes_told(&seen, &kept.state) {
+            return None;
+        }
+        if !shown.is_spread {
+            if is_told || kept.unused < UNSEEN {
                 return None;
             }
+            seen.covariance += Matrix3::identity() * (OF_A_PART * seen.turn.norm()).powi(2);
+        }
+        let process = &self.setup.settings.process;
+        let mut block: CameraMatrix = kept.state.p.block(0, 0);
+        if is_told {
             // The rate of before is the gyroscope's, too.
             let mut rate = block.fixed_view_mut::<3, 3>(POSE_DIM + 3, POSE_DIM + 3);
             rate += Matrix3::identity() * process.start_angular_velocity_sd.powi(2);
-        } else if !motion.may_be(dt, &reading, &block, process, SURE_LEVEL) {
+        }
+        let reading = self.reading(&seen, &kept.state, dt);
+        let mut motion = Motion::new(camera_of(&kept.state));
+        if !is_told && !motion.may_be(dt, &reading, &block, process, SURE_LEVEL) {
             return None;
         }
         motion.follow(dt, &reading, &SVector::zeros(), &block, process);
@@ -121,8 +144,8 @@ impl Filter {
         Some((motion, is_told))
     }
 
-    /// The turn that the images show, what the filter was at the first of them, and the seconds between them.
-    fn shown_turn(&self, followed: &Followed) -> Option<(ImageTurn, &Memory, f64)> {
+    /// What the images show of the turn.
+    fn shown_turn(&self, followed: &Followed) -> Option<Shown<'_>> {
         let kept = &self.undo.kept.as_deref()?.memory;
         let dt = self.memory.time? - followed.since;
         let is_next =
@@ -139,8 +162,13 @@ impl Filter {
             }
         }
         let seen = gyroscope::seen_turn(&pairs, &self.surroundings(&kept.state, dt))?;
-        self.is_spread(seen.agreeing.iter().map(|&i| pixels[i]))
-            .then_some((seen, kept, dt))
+        let is_spread = self.is_spread(seen.agreeing.iter().map(|&i| pixels[i]));
+        Some(Shown {
+            seen,
+            kept,
+            dt,
+            is_spread,
+        })
     }
 
     /// Whether a turn that was seen excludes the one that a gyroscope told, of the present prediction.
@@ -153,7 +181,7 @@ impl Filter {
         is_excluded(seen, &turn, &told, self.shutter_variance(&change))
     }
 
-    /// Whether points are spread over the image: somebody who walks by is on a part of it.
+    /// Whether points are spread over the image.
     fn is_spread<'a>(&self, uv: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> bool {
         let count = uv.clone().count() as f64;
         let mean = uv.clone().sum::<Vector2<f64>>() / count;

@@ -9,8 +9,8 @@ use crate::settings::{MotionModel, ProcessSettings};
 use crate::state::Learned;
 use nalgebra::{SMatrix, Vector3};
 
-/// Frames predicted since the last one that was used, from which on the map in view is taken to tell no speed.
-const UNSEEN: u32 = 3;
+/// Frames predicted since the last one that was used, from which on the map in view is taken to tell nothing of the motion.
+pub(super) const UNSEEN: u32 = 3;
 /// Times the variance of what is known that a measurement has which says nothing.
 const NOTHING: f64 = 1e12;
 
