@@ -11,6 +11,10 @@ use crate::settings::{ImuSettings, MotionModel, ProcessSettings};
 use crate::state::CAMERA_DIM;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+/// By how much the moment that an image shows strays from its stamp, from frame to frame, seconds: exposures change, and what is
+/// blurred is found where it was brightest. Standard deviation.
+const STAMP_SD: f64 = 1e-3;
+
 /// Where the clock is among them.
 pub(crate) const CLOCK: usize = 7;
 
@@ -115,7 +119,7 @@ impl Sensor<'_> {
             by_gyro,
             rate_by_gyro,
             noise: [
-                density * dt,
+                density * dt + (STAMP_SD * last.norm()).powi(2),
                 density * 0.5 * (dt / spacing).min(1.0),
                 density / spacing,
             ],
