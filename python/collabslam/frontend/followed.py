@@ -15,7 +15,7 @@ from collabslam.types import Array, Image
 
 _CELLS = (5, 4)  # of the image, columns and rows
 _MOST = 5  # points of each: the strongest corners of the whole image may all be on somebody who passes
-_QUALITY = 0.01  # least response, as a share of the strongest of the cell
+_QUALITY = 0.1  # least response, as a share of the strongest of the cell
 _DISTANCE = 12.0  # pixels of the flow's images between two of them
 _WINDOW = 35  # pixels of those: blurred images show little in a smaller one
 
