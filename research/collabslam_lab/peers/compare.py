@@ -131,7 +131,7 @@ def _items(data: Path, out: Path, asked: Asked) -> list[Item]:
     for entry in entries:
         wanted = entry.name in asked.only if asked.only else _is_plain(entry)
         if wanted and (entry.rendered or (data / entry.folder).exists()):
-            items.append(Item(entry, "collab", 0, data, out))
+            items.append(Item(entry, "collab-tight", 0, data, out))
     return items
 
 

@@ -51,7 +51,7 @@ def run_ours(item: Item) -> dict[str, SystemResult]:
     recording = HeldRecording(opened(item))
     return {
         ALONE: measured(attach_worn(recording, "none"), "mono", "scale-free", item.settings),
-        TOGETHER: measured(recording, "collab", item.entry.start, item.settings),
+        TOGETHER: measured(recording, item.mode, item.entry.start, item.settings),
     }
 
 
@@ -66,4 +66,5 @@ def measured(recording: Recording, mode: str, start: str, settings: Settings) ->
     valid = {k for k in range(len(record)) if record.valid_at(k)}
     live = {k: record.poses[k, :3, 3].tolist() for k in sorted(valid)}
     turns = {k: record.poses[k, :3, :3] for k in sorted(valid)}
-    return SystemResult(live, {}, sum(engine.cpu), list(record.seconds), turns)
+    covariances = {k: record.covariances[k] for k in sorted(valid)}
+    return SystemResult(live, {}, sum(engine.cpu), list(record.seconds), turns, covariances)

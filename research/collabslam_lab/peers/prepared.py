@@ -22,7 +22,7 @@ WIDE = 1000
 _LOG = "log.txt"
 
 Positions = dict[int, list[float]]
-Turns = dict[int, Array]
+Arrays = dict[int, Array]
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,19 @@ class SystemResult:
         Seconds of each frame; empty for what works offline.
     turns : dict of frame to (3, 3) float64
         R_WC, of the poses by which its authors would judge it; empty where it told none.
+    covariances : dict of frame to (6, 6) float64
+        Of these poses, over (translation, rotation), tangent on the right; of what is held fixed, zero.
+    residual_px : float or None
+        RMS of one coordinate's residual where the covariance takes all pixels to err by one.
     """
 
     live: Positions
     final: Positions
     cpu: float
     wall: list[float] = field(default_factory=list)
-    turns: Turns = field(default_factory=dict)
+    turns: Arrays = field(default_factory=dict)
+    covariances: Arrays = field(default_factory=dict)
+    residual_px: float | None = None
 
     @property
     def best(self) -> Positions:
@@ -165,7 +171,9 @@ def run_script(peer: Peer, python: Path, folder: Path, seconds: float) -> System
             _positions(told.get("final", {})),
             float(told["cpu"]),
             [float(x) for x in told.get("wall", [])],
-            _turns(told.get("turns", {})),
+            _arrays(told.get("turns", {}), (3, 3)),
+            _arrays(told.get("covariances", {}), (6, 6)),
+            None if told.get("residual_px") is None else float(told["residual_px"]),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DataError(f"It left nothing that can be read ({type(error).__name__}: {error}).") from error
@@ -176,6 +184,6 @@ def _positions(told: Mapping[str, Sequence[float]]) -> Positions:
     return {k: p for k, p in positions.items() if len(p) == 3 and np.isfinite(p).all()}
 
 
-def _turns(told: Mapping[str, Sequence[Sequence[float]]]) -> Turns:
-    turns = {int(k): np.asarray(turn, np.float64) for k, turn in told.items()}
-    return {k: r for k, r in turns.items() if r.shape == (3, 3) and np.isfinite(r).all()}
+def _arrays(told: Mapping[str, Sequence[Sequence[float]]], shape: tuple[int, int]) -> Arrays:
+    arrays = {int(k): np.asarray(array, np.float64) for k, array in told.items()}
+    return {k: a for k, a in arrays.items() if a.shape == shape and np.isfinite(a).all()}

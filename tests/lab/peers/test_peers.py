@@ -47,6 +47,8 @@ places = {{k: (0.5 * truth[k, :3, 3] + 7).tolist() for k in frames[1:]}}
 found = {{name: places, "cpu": 0.5, "wall": [0.01] * len(images)}}
 if script.name == "colmap.py":
     found["turns"] = {{k: (np.diag([1, -1, -1]) @ truth[k, :3, :3]).tolist() for k in places}}
+    found["covariances"] = {{k: (1e-4 * np.eye(6)).tolist() for k in places}}
+    found["residual_px"] = 0.5
 (folder / "found.json").write_text(json.dumps(found))
 """
 
@@ -93,6 +95,8 @@ def test_every_system_has_a_row(table: list[dict[str, object]]) -> None:
     assert ours["attitude_to_ours_deg"] is None
     assert ours["covariance"]
     assert isinstance(ours["ate_se3_pct"], float)
+    assert 0.0 < float(str(ours["nees_position"])) < 100.0
+    assert (colmap["residual_px"], mono["nees_attitude"]) == (0.5, None)  # the latter tells no covariance
     assert 0.0 < float(str(ours["cpu_ms"])) <= 1000.0 * 60.0
     assert rows["collabslam, one camera"]["ate_se3_pct"] is None
 
@@ -135,6 +139,31 @@ def test_errors_are_those_of_the_frames_with_a_pose() -> None:
     assert row["ate_se3_pct"] == pytest.approx(100.0 * np.sqrt((spread**2).sum(axis=1).mean()) / 4.0)
     assert row["coverage"] == 0.8
     assert scored(SystemResult({0: places[0]}, {}, 1.0), truth, metric=True, given=5)["ate_sim3_pct"] is None
+
+
+def test_nees_is_what_was_drawn_whichever_the_world_and_its_scale() -> None:
+    rng = np.random.default_rng(3)
+    frames, scale = 400, 0.25
+    truth = np.tile(np.eye(4), (frames, 1, 1))
+    truth[:, :3, 3] = rng.normal(0.0, 3.0, (frames, 3))
+    truth[:, :3, :3] = [rotation_exp(rng.normal(0.0, 1.0, 3)) for _ in range(frames)]
+    sd = np.array([0.01, 0.02, 0.03, 0.001, 0.002, 0.003])
+    drawn = rng.normal(0.0, 1.0, (frames, 6)) * sd
+    drawn[7] = 0.0  # what is held fixed
+    units = np.array([scale] * 3 + [1.0] * 3)
+    world, places, turns, told = rotation_exp([0.3, -2.0, 0.7]), {}, {}, {}
+    for k, pose in enumerate(truth):
+        turn = pose[:3, :3] @ rotation_exp(drawn[k, 3:])
+        turns[k] = world @ turn
+        places[k] = (scale * (world @ (pose[:3, 3] + pose[:3, :3] @ drawn[k, :3]) + 5.0)).tolist()
+        told[k] = np.diag((sd * units) ** 2 * (k != 7))
+    row = scored(SystemResult(places, {}, 1.0, [], turns, told), truth, metric=False, given=frames)
+    for part in ("position", "attitude"):
+        assert row[f"nees_{part}"] == pytest.approx(3.0, abs=0.3)
+        assert row[f"over_sd_{part}"] == pytest.approx(1.0, abs=0.05)
+    halved = {k: p / 4.0 for k, p in told.items()}
+    row = scored(SystemResult(places, {}, 1.0, [], turns, halved), truth, metric=False, given=frames)
+    assert row["over_sd_attitude"] == pytest.approx(2.0, abs=0.1)
 
 
 def test_attitudes_are_compared_whichever_way_the_worlds_are_turned() -> None:
