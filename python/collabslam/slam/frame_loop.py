@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
-from collabslam._core import UpdateReport
+from collabslam._core import Prediction, UpdateReport
 from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
 from collabslam.frontend.flow import FlowImage
 from collabslam.frontend.patch import SIZE
@@ -37,6 +37,16 @@ _Followed = tuple[float, Array, Array]
 
 _FEW = 0.75
 """Share of `map.in_view` below which what was found may be on somebody who fills the view."""
+
+
+class _Seen(NamedTuple):
+    """What a frame shows of what was expected, and what the filter made of it."""
+
+    expected: Prediction
+    found: TrackingResult
+    overlap: Overlaps
+    depths: Depths
+    report: UpdateReport
 
 
 class FrameLoop:
@@ -78,19 +88,22 @@ class FrameLoop:
             return self._coast(t, blank, times, followed=followed)
         parts.usual_speed.expect(t)
         view = parts.worn_rates.believed(self._view(t, image, worn))
-        last = parts.tracks.last_image
+        last, tracked = parts.tracks.last_image, parts.tracks.attributes()
         expected = parts.search.expected(view)
         times.done("predict")
         expected, found, slipped = parts.search.search(view, expected, followed=followed)
         times.done("search")
-        missing = 0 if view.lost else parts.map.missing(found)
-        overlap = self._overlap(view, found, missing)
+        overlap = self._overlap(view, found)
         parts.seen_through.ask_map(view, found)
         times.done("cf")
-        depths = parts.depth.take(view, found, overlap.ids, missing)
-        report = self._measure(view, last, found, overlap, depths)
+        seen = self._measure(view, last, expected, found, overlap)
+        followed_image, turned = (False, False) if seen.report.accepted else self._turn(view, last)
+        if followed_image and not view.lost:
+            seen = self._measure_again(view, tracked) or seen
+        parts.depth.forget()
+        expected, found, overlap, depths, report = seen
         parts.worn_rates.take(overlap, report)
-        turned = not report.accepted and self._turn(view, last)
+        turned = turned and not report.accepted
         carried = not report.accepted and core.followed_gyro
         times.done("update")
         recovered = parts.recovery.attempt(view, report, followed=followed)
@@ -158,17 +171,20 @@ class FrameLoop:
             hiding.append(self._parts.fixed.hides)
         return hidden_by_any(hiding)
 
-    def _overlap(self, view: View, found: TrackingResult, missing: int) -> Overlaps:
-        """What the worn cameras see of the frame (METHOD 7.4); ``missing`` is what it lacks of features."""
+    def _overlap(self, view: View, found: TrackingResult) -> Overlaps:
+        """What the worn cameras see of the frame (METHOD 7.4)."""
         if view.lost:
             return Overlaps()
         parts = self._parts
-        return overlaps(parts.late, parts.worn, parts.printed, view, found, missing)
+        return overlaps(parts.late, parts.worn, parts.printed, view, found, parts.map.missing(found))
 
     def _measure(
-        self, view: View, last: _LastImage, found: TrackingResult, overlap: Overlaps, depths: Depths
-    ) -> UpdateReport:
+        self, view: View, last: _LastImage, expected: Prediction, found: TrackingResult, overlap: Overlaps
+    ) -> _Seen:
         """The batch test and the update (METHOD 7.5 to 7.7); once more where the image shows another turn."""
+        parts = self._parts
+        missing = 0 if view.lost else parts.map.missing(found)
+        depths = parts.depth.take(view, found, overlap.ids, missing)
         points = self._points(view, last, found)
 
         def update(followed: _Followed | None) -> UpdateReport:
@@ -178,15 +194,31 @@ class FrameLoop:
                 found.uv,
                 views=overlap.views,
                 depths=depths.observation,
-                min_inliers=self._parts.monitor.min_inliers(len(found.searched)),
-                max_speed=self._parts.usual_speed.most(view.t),
+                min_inliers=parts.monitor.min_inliers(len(found.searched)),
+                max_speed=parts.usual_speed.most(view.t),
                 followed=followed,
             )
 
         report = update(points)
         if points is not None and report.turn_excluded and self._filter.predict_again(*points):
             report = update(None)
-        return report
+        return _Seen(expected, found, overlap, depths, report)
+
+    def _measure_again(self, view: View, tracked: Mapping[str, Any]) -> _Seen | None:
+        """The frame searched and measured from where the image has turned to (METHOD 27).
+
+        None where it is refused from there, too; then the tracks are as they were.  ``tracked`` are those of
+        before the frame.
+        """
+        parts, before = self._parts, self._parts.tracks.attributes()
+        parts.tracks.go_back(tracked)
+        expected, found = parts.search.again(view)
+        if len(found.ids) >= parts.monitor.min_inliers(len(found.searched)):
+            seen = self._measure(view, None, expected, found, self._overlap(view, found))
+            if seen.report.accepted:
+                return seen
+        parts.tracks.go_back(before)
+        return None
 
     def _points(self, view: View, last: _LastImage, found: TrackingResult) -> _Followed | None:
         """Points that show the turn of the image as a whole, where what was found may move (METHOD 27)."""
@@ -203,30 +235,30 @@ class FrameLoop:
         """Of the diagnostics: what came of the gyroscopes of Cs and of the worn cameras."""
         return {**self._parts.gyro.counts(), **self._parts.worn_rates.counts()}
 
-    def _turn(self, view: View, last: _LastImage) -> bool:
+    def _turn(self, view: View, last: _LastImage) -> tuple[bool, bool]:
         """Follows the turn that the last two images show, where the map tells nothing (METHOD 27).
 
-        It is then in the prediction, unless a gyroscope told the same one.  Not asked where the map is
-        inconsistent: what moves would pass for the scene.  Returns whether the frame is as good as one that
-        was used: after one that failed, as after a cut, or lost, only prediction follows.
+        Not asked where the map is inconsistent: what moves would pass for the scene.  Returns whether it is
+        in the prediction now, as where no gyroscope told the same one; and whether the frame is as good as
+        one that was used: after one that failed, as after a cut, or lost, only prediction follows.
         """
         parts, now = self._parts, self._parts.tracks.last_image
         if not view.started or last is None or now is None:
-            return False
+            return False, False
         told = self._filter.followed_gyro
         if told and view.lost:
-            return False
+            return False, False
         if told and (agrees := parts.gyro.agrees(view, last, now)) is not False:
-            return agrees is True
+            return False, agrees is True
         if told and not parts.gyro.contradicted_again:
-            return False
+            return False, False
         standing = parts.consistency_monitor.standing()
         if standing not in (NOTHING, GYRO):
-            return False
+            return False, False
         shown = self._filter.predict_again(last[0], *parts.gyro.followed(view, last, now))
         if not shown and told:
             shown = self._filter.predict_again(last[0], *parts.gyro.followed(view, last, now, still=True))
-        return shown and parts.monitor.unbroken
+        return shown, shown and parts.monitor.unbroken
 
     def _coast(self, t: float, blank: str, times: StageTimes, *, followed: bool) -> StepResult:
         """A frame that was predicted and shows nothing; depths given for it are gone."""

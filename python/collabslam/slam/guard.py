@@ -44,7 +44,7 @@ class Guard:
         if self.broken:
             self._filter.rollback()
             for part, kept in zip(self._parts, self._kept, strict=True):
-                vars(part).update(kept)
+                part.go_back(kept)
             self.broken = False
 
 

@@ -73,6 +73,11 @@ class FrameSearch:
             return self._after_slip(view, expected, found)
         return expected, found, False
 
+    def again(self, view: View) -> tuple[Prediction, TrackingResult]:
+        """The search from another prediction, whatever told it."""
+        expected = self.expected(view)
+        return expected, self._look(view, expected)
+
     def _look(self, view: View, expected: Prediction) -> TrackingResult:
         found = self._tracks.search(view, self._filter.pose, expected, self._filter.predict_conditional)
         return self._printed.place(view, expected, found)
@@ -83,11 +88,10 @@ class FrameSearch:
         """The search as if the wheels may have slipped, if it explains the image; else the one before."""
         self._filter.distrust_odometry()
         kept = self._tracks.attributes()
-        wider = self.expected(view)
-        again = self._look(view, wider)
+        wider, again = self.again(view)
         least = self._monitor.min_inliers(len(again.searched))
         if len(again.ids) >= max(least, len(found.ids) // 2, 1):
             return wider, again, True
         self._filter.trust_odometry()
-        vars(self._tracks).update(kept)
+        self._tracks.go_back(kept)
         return expected, found, False

@@ -27,6 +27,10 @@ class PersistentState:
         """
         return {name: getattr(self, name) for name in self.PERSISTENT}
 
+    def go_back(self, attributes: Mapping[str, Any]) -> None:
+        """Takes over what `attributes` gave."""
+        vars(self).update(attributes)
+
     def state(self) -> dict[str, Any]:
         """The same as `formats.container` takes it: to be written before the next frame."""
         return self.attributes()

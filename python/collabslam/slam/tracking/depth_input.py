@@ -104,7 +104,6 @@ class DepthInput(PersistentState):
         if not self._given:
             return Depths()
         uv, depth, sigma = (np.concatenate(column) for column in zip(*self._given, strict=True))
-        self._given = []
         known = ~np.isin(found.ids, used)
         ids, points = found.ids[known], found.uv[known]
         nearest, near = _nearest(points, uv)
