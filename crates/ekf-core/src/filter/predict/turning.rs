@@ -34,6 +34,9 @@ const SPREAD: f64 = 0.12;
 /// one takes what a plane leaves of them as independent.
 const SLANTED: f64 = 0.1;
 
+/// The same where it is held against what the map tells of the same image, which costs no more than to measure it once more.
+const SLANTED_MAP: f64 = 0.05;
+
 /// The same of a lost camera's turn that a part of the image shows: it may be somebody's who walks by.
 const OF_A_PART: f64 = 0.5;
 
@@ -107,7 +110,12 @@ impl Filter {
         (seen, from): &(ImageTurn, Matrix3<f64>),
         to: &Matrix3<f64>,
     ) -> bool {
-        is_excluded(seen, &(from.transpose() * to), &Matrix3::zeros(), 0.0)
+        is_excluded(
+            seen,
+            &(from.transpose() * to),
+            &Matrix3::zeros(),
+            (0.0, SLANTED_MAP),
+        )
     }
 
     /// The motion with the turn that the images show, and whether a gyroscope told another one.
@@ -178,7 +186,12 @@ impl Filter {
         };
         let turn = attitude(then).transpose() * attitude(&self.memory.state);
         let change = self.memory.state.angular_velocity() - then.angular_velocity();
-        is_excluded(seen, &turn, &told, self.shutter_variance(&change))
+        is_excluded(
+            seen,
+            &turn,
+            &told,
+            (self.shutter_variance(&change), SLANTED),
+        )
     }
 
     /// Whether points are spread over the image.
@@ -260,11 +273,16 @@ fn attitude(state: &State) -> Matrix3<f64> {
 }
 
 /// Whether a turn that was seen excludes another one, which is known up to a covariance; `bent` is what the shutter may make of
-/// it, a variance of each axis.
-fn is_excluded(seen: &ImageTurn, turn: &Matrix3<f64>, known: &Matrix3<f64>, bent: f64) -> bool {
+/// it, a variance of each axis, and `slanted` what walls may, a share of the turn.
+fn is_excluded(
+    seen: &ImageTurn,
+    turn: &Matrix3<f64>,
+    known: &Matrix3<f64>,
+    (bent, slanted): (f64, f64),
+) -> bool {
     let off = quat::rotation_log(&(turn.transpose() * quat::rotation_exp(&seen.turn)));
     let largest = quat::rotation_log(turn).norm().max(seen.turn.norm());
-    let more = Matrix3::identity() * (bent + (SLANTED * largest).powi(2));
+    let more = Matrix3::identity() * (bent + (slanted * largest).powi(2));
     let spread = known + seen.covariance + more;
     let distance = ((spread + spread.transpose()) * 0.5)
         .cholesky()
