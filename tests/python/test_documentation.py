@@ -351,7 +351,7 @@ def test_a_page_of_evidence_says_what_it_shows_and_what_it_does_not(name: str) -
     for said in ("It worked if", "**What it shows.**", "**What it does not show.**"):
         assert said in words, said
     assert re.search(r"^\|", "\n".join([page, *tables]), re.MULTILINE), "a table"
-    assert re.search(r"\b[0-9a-f]{7,9}\b", "\n".join([page, *tables])), "the commit"
+    assert re.search(r"commits?\s+[0-9a-f]{7,9}\b", "\n".join([page, *tables])), "the commit"
 
 
 def test_lines_of_the_method_are_short() -> None:

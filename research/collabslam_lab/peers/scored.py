@@ -97,8 +97,8 @@ def consistency(found: SystemResult, truth: Array, *, metric: bool) -> Row:
     poses[:, :3, 3] = [found.best[k] for k in frames]
     covariances = np.array([found.covariances[k] for k in frames])
     best = int(np.argmin(np.trace(covariances, axis1=1, axis2=2)))
-    known = metrics.inverse(truth[frames[best]][None])[0] @ truth[frames]
-    poses = metrics.inverse(poses[best][None])[0] @ poses
+    known = metrics.first_poses_aligned(truth[frames], truth[frames[best]], np.eye(4))
+    poses = metrics.first_poses_aligned(poses, poses[best], np.eye(4))
     if not metric:
         scale = (poses[:, :3, 3] * known[:, :3, 3]).sum() / (poses[:, :3, 3] ** 2).sum()
         poses[:, :3, 3] *= scale

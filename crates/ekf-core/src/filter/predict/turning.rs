@@ -114,7 +114,8 @@ impl Filter {
             seen,
             &(from.transpose() * to),
             &Matrix3::zeros(),
-            (0.0, SLANTED_MAP),
+            0.0,
+            SLANTED_MAP,
         )
     }
 
@@ -186,12 +187,7 @@ impl Filter {
         };
         let turn = attitude(then).transpose() * attitude(&self.memory.state);
         let change = self.memory.state.angular_velocity() - then.angular_velocity();
-        is_excluded(
-            seen,
-            &turn,
-            &told,
-            (self.shutter_variance(&change), SLANTED),
-        )
+        is_excluded(seen, &turn, &told, self.shutter_variance(&change), SLANTED)
     }
 
     /// Whether points are spread over the image.
@@ -278,7 +274,8 @@ fn is_excluded(
     seen: &ImageTurn,
     turn: &Matrix3<f64>,
     known: &Matrix3<f64>,
-    (bent, slanted): (f64, f64),
+    bent: f64,
+    slanted: f64,
 ) -> bool {
     let off = quat::rotation_log(&(turn.transpose() * quat::rotation_exp(&seen.turn)));
     let largest = quat::rotation_log(turn).norm().max(seen.turn.norm());
